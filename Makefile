@@ -69,7 +69,7 @@ grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without inst
 	@PYTHONPATH="$(CURDIR)/python:$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')$${PYTHONPATH:+:$$PYTHONPATH}" \
 	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null gnuradio-companion $(FLOWGRAPH)
 
-flowgraphs: $(VENV)/.runtime ## make the simulated and the embedded flowgraphs again from ota_b210 and ota_live
+flowgraphs: $(VENV)/.runtime ## make the simulated flowgraphs again from ota_b210 and ota_live
 	@$(PYTHON) tools/make_flowgraphs.py
 
 screenshot: $(VENV)/.runtime ## pictures of the live view, docs/live_view*.png, from runs of it

@@ -101,7 +101,7 @@ def main() -> None:
     app = Qt.QApplication(sys.argv[:1])
     folder, air = Path(sys.argv[1]), sys.argv[2:] == ["air"]
     name = "ota_live" if air else "ota_live_sim"
-    prepared = Prepared(generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), folder), name, (), ())
+    prepared = Prepared(generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), folder))
     parameters, calls = on_the_air(folder) if air else ({"drop_when_slow": 0}, [])
     top = load_class(prepared)(**parameters)
     sys.modules[type(top).__module__].snippets_main_after_init(top)

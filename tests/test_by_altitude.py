@@ -1,7 +1,6 @@
 """Results by altitude: rows that add up to the study's, the errors' distribution, and intervals of RMSE."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -10,16 +9,13 @@ from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene
 from radalt.evaluation.overlap.altitudes import (
-    ALTITUDE_COLUMNS,
     ERRORS_M,
     altitude_rows,
-    groups,
     pool_altitudes,
     rmse_interval,
     with_intervals,
 )
 from radalt.evaluation.overlap.points import OverlapPoint
-from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.score import score
 
 POINT = OverlapPoint.at(0.5, -20.0, 10.0)
@@ -97,27 +93,3 @@ def test_rmse_without_a_decision_has_no_interval():
     study = {key: rows[0][key] for key in ("method", "interference", "overlap", "sir_db", "snr_db")}
     assert with_intervals([study], rows) == [study | {"rmse_low_m": None, "rmse_high_m": None}]
     assert with_intervals([study], []) == [study]
-
-
-def test_batches_of_a_point_are_pooled_in_both_tables():
-    scene = scene_of((300.0, 40.0), 20)
-    study = OverlapStudy(scene)
-    batches = []
-    for seed in (1, 2):
-        rows = altitude_rows(scene, POINT, {"none": measured(scene.altitude.programme, seed)})
-        own = {"method": "none", "diverged_frames": seed, "discontinuities": 0, "lock_losses": 0}
-        main = pool_altitudes(rows) | own
-        batches.append([{k: v for k, v in main.items() if not k.startswith("altitude_")}, *rows])
-    pooled = study.pooled(batches)
-    assert [study.table_of(POINT, row) for row in pooled] == ["rows", "altitudes", "altitudes"]
-    assert pooled[0]["trials"] == 80 and pooled[0]["diverged_frames"] == 3
-    assert [row["trials"] for row in pooled[1:]] == [40, 40]
-    assert pool_altitudes(pooled[1:])["within_5_m"] == sum(r["within_5_m"] for b in batches for r in b[1:])
-
-
-def test_rows_survive_the_journal():
-    scene = scene_of((300.0, 40.0), 20)
-    rows = altitude_rows(scene, POINT, {"none": measured(scene.altitude.programme)})
-    kept = json.loads(json.dumps(rows))
-    assert [ALTITUDE_COLUMNS.row(row) for row in kept] == rows
-    assert list(groups(rows, "method")) == [("none",)]

@@ -55,16 +55,9 @@ BEFORE = {
     ),
     "tones": (-4.322751959 + 1.73178518j, -8.040351155 - 1.631594559j, -2.387950392 + 1.943534004j),
 }
+MIXED = {"channel_bandwidth_hz": 10e6, "modulation": "mixed", "power_spread_db": 6.0, "carrier_hz": 1234567.0}
 SCENES = {
-    "nr": {
-        "nr": {
-            "channel_bandwidth_hz": 10e6,
-            "modulation": "mixed",
-            "power_spread_db": 6.0,
-            "carrier_hz": 1234567.0,
-            "load": 0.7,
-        }
-    },
+    "nr": {"nr": MIXED | {"load": 0.7}},
     "faded": {"nr": {"multipath": {"profile": "EVA", "doppler_hz": 120.0}}},
     "qpsk": {"qpsk": {"overlap": 0.6}},
     "rrc": {"qpsk": {"pulse": "rrc", "carrier_hz": 1e6}},
@@ -125,16 +118,13 @@ def test_the_shipped_scene_with_every_effect_plays_at_its_sir():
     [
         ({"evm": 1.5}, "evm is 1.5; it has to be within 0..1"),
         ({"evm": "usual"}, "evm is 'usual'; it has to be within 0..1 (0.08 is 8 %), or typical"),
-        ({"amplifier": {"backoff_db": 99.0}}, "amplifier.backoff_db is 99.0; it has to be within -10..60"),
-        ({"amplifier": {"smoothness": 0.0}}, "amplifier.smoothness is 0.0"),
+        ({"amplifier": {"backoff_db": 99.0}}, "amplifier.backoff_db is 99; it has to be within -10..60"),
+        ({"amplifier": {"smoothness": 0.0}}, "amplifier.smoothness is 0;"),
         ({"amplifier": {"gain": 1}}, "unknown key 'interference.nr.amplifier.gain'"),
-        ({"phase_noise": {"rms_deg": 61.0}}, "phase_noise.rms_deg is 61.0; it has to be within 0..60"),
-        ({"phase_noise": {"bandwidth_hz": 0.0}}, "phase_noise.bandwidth_hz is 0.0"),
-        (
-            {"oscillator": {"clock_ppm": 101.0}},
-            "oscillator.clock_ppm is 101.0; it has to be within -100..100",
-        ),
-        ({"oscillator": {"carrier_offset_hz": 2e5}}, "oscillator.carrier_offset_hz is 200000.0"),
+        ({"phase_noise": {"rms_deg": 61.0}}, "phase_noise.rms_deg is 61; it has to be within 0..60"),
+        ({"phase_noise": {"bandwidth_hz": 0.0}}, "phase_noise.bandwidth_hz is 0;"),
+        ({"oscillator": {"clock_ppm": 101.0}}, "clock_ppm is 101; it has to be within -100..100"),
+        ({"oscillator": {"carrier_offset_hz": 2e5}}, "oscillator.carrier_offset_hz is 200000;"),
         ({"fading": {"profile": "TDL-Z"}}, "fading.profile 'TDL-Z' is unknown"),
         ({"fading": {}, "multipath": {}}, "multipath and fading; give one"),
     ],
@@ -376,7 +366,7 @@ def test_phase_noise_has_its_rms_and_its_autocorrelation(rms_deg, bandwidth_hz):
 @pytest.mark.parametrize("free_running", [True, False])
 def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
     """J0(2 pi f_D t) over 12 ms of streams, whether the emitter itself runs on or starts anew with every frame."""
-    doppler_hz, frames, streams, frame_s = 60.0, 13, 400, 1e-3
+    doppler_hz, frames, streams, frame_s = 60.0, 13, 200, 1e-3
     rate_hz, count = 12e3, 12  # the channel does not care how densely it is looked at
     emitter = impaired(Wave(), fading=FadingChannel(profile="EPA", doppler_hz=doppler_hz))
     heard = np.empty((streams, frames), complex)
@@ -385,7 +375,7 @@ def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
         heard[seed] = [running.samples(count, rate_hz, rng)[6] for _ in range(frames)]
     found = np.mean(heard * heard[:, :1].conj(), axis=0) / np.mean(np.abs(heard) ** 2)
     lag_s = np.arange(frames) * frame_s
-    np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.12)  # 400 draws: 0.05
+    np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.17)  # 200 draws: 0.07
 
 
 def test_fading_does_not_step_where_frames_meet():

@@ -6,13 +6,10 @@ import error_vs_runtime
 import numpy as np
 import pytest
 
-from radalt.evaluation.engine.options import Options
-from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.chain import Chain
-from radalt.evaluation.results.folder import FolderError
 from radalt.studies.runtime import study as runtime
-from radalt.studies.runtime.figure import pareto, place_labels
-from radalt.studies.runtime.study import RuntimePoint, RuntimeStudy
+from radalt.studies.runtime.figure import pareto
+from radalt.studies.runtime.study import RuntimeStudy
 
 TONES = "5 tones, all"
 CHAINS = ("none", "whitening", "nlms", "none, centroid", "none, span 6 km")
@@ -38,34 +35,6 @@ def test_all_chains_see_the_same_frames_and_whitening_gains_on_tones():
         np.testing.assert_equal(*same)  # where nothing was detected there is no mean
     assert by["clean", "none"]["pd"] == 1.0
     assert by[TONES, "whitening"]["pd"] > by[TONES, "none"]["pd"] + 0.5
-
-
-def test_more_batches_are_other_frames_and_their_counts_add():
-    study = RuntimeStudy((Chain("none", "none"),), (-20.0,), frames=20, interferers=(TONES,))
-    point = RuntimePoint("p", 20, interferer=TONES, sir_db=-20.0)
-    batches = [[runtime._TABLES["rows"].row(r) for r in study.measure(point, b)] for b in (0, 1)]
-    assert batches[0] != batches[1]
-    (both,) = study.pooled(batches)
-    for name in ("trials", "correct", "detections", "correct_even", "correct_odd", "squared_correct_m2"):
-        assert both[name] == pytest.approx(sum(b[0][name] for b in batches))
-    assert study.pooled(batches[:1]) == batches[0]
-
-
-def test_times_are_of_method_and_altimeter_together():
-    rows = list(runtime._times((Chain("none", "none"), Chain("nlms", "nlms")), (TONES,), 1))
-    assert rows[-1]["chain"] == runtime.TRANSFORM and rows[-1]["ms_method"] > 0
-    assert {r["interferer"] for r in rows} == {runtime.CLEAN, TONES}
-    frames = {1: 16, 8: 16}
-    for label in ("none", "nlms"):
-        for batch, count in frames.items():
-            mine = [r for r in rows if (r["chain"], r["batch"]) == (label, batch)]
-            assert len(mine) * batch == count  # the turn that warms up is not among them
-            assert all(r["ms_method"] >= 0 and r["ms_altimeter"] > 0 and r["round"] == 1 for r in mine)
-    middle = {
-        label: np.median([r["ms_method"] for r in rows if r["chain"] == label and r["batch"] == 1])
-        for label in ("none", "nlms")
-    }
-    assert middle["nlms"] > middle["none"]  # hundreds of block updates against a copy
 
 
 @pytest.fixture(scope="module")
@@ -109,65 +78,3 @@ def test_the_page_is_published_with_its_figure_under_the_names_of_the_documentat
     ]
     page = (report / "docs" / "error_vs_runtime.md").read_text()
     assert "](figures/error_vs_runtime.png)" in page
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [(["--models", "nowhere.onnx"], "nowhere.onnx"), (["--sir-db", "loud"], "--sir-db holds 'loud'")],
-)
-def test_what_is_not_there_is_one_line(capsys, tmp_path, arguments, expected):
-    options = [*arguments, "--frames", "2", "--rounds", "2", "--out", str(tmp_path / "run")]
-    try:
-        assert error_vs_runtime.main(options) == 2
-    except SystemExit as ended:
-        assert ended.code == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert expected in error
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.timeout(300)
-def test_a_killed_run_goes_on_and_its_errors_are_those_of_one_run(tmp_path):
-    """Stopped among the errors and again among the times: no point is measured twice."""
-    chains = (Chain("none", "none"), Chain("whitening", "whitening"))
-    study = RuntimeStudy(chains, (-15.0, -45.0), frames=6, rounds=2, interferers=(TONES,))
-    points = len(study.points())
-    measured = []
-
-    def stop_after(count):
-        def progress(p):
-            measured.extend(p.rows and [p.done])
-            if len(measured) == count:
-                raise KeyboardInterrupt
-
-        return progress
-
-    run(study, Options(tmp_path / "whole"))
-    out = tmp_path / "killed"
-    with pytest.raises(KeyboardInterrupt):
-        run(study, Options(out), stop_after(4))
-    with pytest.raises(FolderError, match="add --resume"):
-        run(study, Options(out))
-    other = RuntimeStudy(chains, (-15.0, -45.0), frames=6, rounds=2, interferers=(TONES,), seed=2)
-    with pytest.raises(FolderError, match="seed is 1 there and 2 here"):
-        run(other, Options(out, resume=True))
-    with pytest.raises(KeyboardInterrupt):
-        run(study, Options(out, resume=True), stop_after(points - 1))
-    run(study, Options(out, resume=True), stop_after(0))
-    assert measured == list(range(1, points + 1))
-    assert (out / "rows.csv").read_bytes() == (tmp_path / "whole" / "rows.csv").read_bytes()
-    assert json.loads((out / "report.json").read_text())["run"]["points_resumed"] == points - 1
-
-
-def test_labels_cover_neither_each_other_nor_points_nor_bars():
-    rng = np.random.default_rng(4)
-    at = np.concatenate([rng.normal(200.0, 15.0, (14, 2)), rng.uniform(20.0, 380.0, (10, 2))])
-    bars = np.concatenate([np.linspace(p, p + [60.0, 0.0], 40) for p in at])
-    size = np.array([12.0, 10.0])
-    places = place_labels(at, bars, size, (0.0, 0.0, 400.0, 400.0))
-    apart = np.abs(places[:, None] - places[None]) / size
-    np.fill_diagonal(apart[..., 0], np.inf)
-    assert (apart.max(axis=2) >= 1.0).all()
-    assert (np.abs(places[:, None] - bars[None]) / size).max(axis=2).min() >= 0.5
-    assert (places - size / 2 >= 0.0).all() and (places + size / 2 <= 400.0).all()

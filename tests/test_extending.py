@@ -1,15 +1,18 @@
-"""The examples of docs/design.md are what they say: an interferer, a method, a study and a radio from outside."""
+"""The examples of docs/design.md are what they say: an interferer, a method, a radio, an altimeter profile, a study."""
 
 import csv
 import os
 import re
-import subprocess
-import sys
+import shutil
 
 import pytest
 import yaml
+from hostile import assert_refused, ended
+from waiting import ran_python
 
+from radalt.core.deramp.profile import load_profile
 from radalt.core.parsing import arguments, build
+from radalt.evaluation.commands import eval as eval_command
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -34,9 +37,7 @@ def outside(root, tmp_path_factory):
 
 
 def run(env, *command):
-    return subprocess.run(
-        [sys.executable, *command], env=env, capture_output=True, text=True, timeout=100, check=False
-    )
+    return ran_python(*command, env=env, limit_s=100)
 
 
 def ota_eval(root, env, *arguments):
@@ -99,30 +100,22 @@ def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, out
     assert "hopper" in (out / "report.md").read_text(encoding="utf-8")
 
 
-def test_method_has_its_name_and_style_in_figures(outside):
-    _, env = outside
-    code = (
-        "from radalt.evaluation.overlap.figures import series_style\n"
-        "style = series_style('clipper', ['none', 'clipper'])\n"
-        "print(style['label'], style['color'], style['marker'], style['linestyle'])"
-    )
-    assert run(env, "-c", code).stdout.strip() == "clipper #5D3A9B p :"
-
-
-def test_method_computes_in_a_process_of_its_own(outside):
+def test_method_has_its_style_in_figures_and_computes_in_a_process_of_its_own(outside):
     _, env = outside
     code = (
         "import numpy as np\n"
+        "from radalt.evaluation.results.style import series_style\n"
         "from radalt.core.mitigation import OwnProcess, create\n"
         "from radalt.core.waveform import Waveform\n"
         "w = Waveform()\n"
         "frames = np.stack([w.beat_shifted(a) for a in (100.0, 300.0)])\n"
         "beside = OwnProcess('clipper', w)\n"
         "assert beside.process(frames).tobytes() == create('clipper', w).process(frames).tobytes()\n"
-        "print(beside.status()['method'])"
+        "style = series_style('clipper', ['none', 'clipper'])\n"
+        "print(beside.status()['method'], *(style[k] for k in ('label', 'color', 'marker', 'linestyle')))"
     )
     done = run(env, "-c", code)
-    assert (done.returncode, done.stdout.strip()) == (0, "clipper"), done.stderr
+    assert (done.returncode, done.stdout.strip()) == (0, "clipper clipper #5D3A9B p :"), done.stderr
 
 
 def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
@@ -139,19 +132,38 @@ def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
     assert "radio.radar_tx_gain_db is 40; it has to be within 0..31.5" in refused.stderr
 
 
-def test_study_runs_on_the_engine_to_the_precision_asked_for(outside, tmp_path):
+def test_altimeter_profile_is_read_and_flown(root, tmp_path):
+    """What the file does not say is the base's, beside which it lies."""
+    page = (root / "docs/design.md").read_text(encoding="utf-8")
+    section = page.split("## Add an altimeter profile")[1].split("\n## ")[0]
+    file = tmp_path / "my_altimeter.yaml"
+    file.write_text(re.search(r"```yaml\n(.*?)```", section, re.DOTALL)[1])
+    shutil.copy(root / "flowgraphs/altimeters/fmcw_150mhz.yaml", tmp_path)
+    profile = load_profile(file)
+    assert (profile.bandwidth_hz, profile.period_s, profile.gain_dbi) == (100e6, 5e-3, 12.0)
+    assert profile.noise_figure_db == load_profile("fmcw_150mhz").noise_figure_db
+    assert profile.standing["gain_dbi"][0] == "assumed"
+    done = run(
+        os.environ | {"PYTHONPATH": str(root / "python")}, str(root / "flowgraphs/tolerance_eval.py"),
+        "--profile", str(file), "--interferers", "tone", "--altitudes-ft", "200", "--outputs", "20", "--seeds", "1",
+        "--method", "none", "--out", str(tmp_path / "run"),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "my_altimeter" in (tmp_path / "run/report.md").read_text(encoding="utf-8")
+
+
+def test_study_runs_on_the_engine(outside, tmp_path):
     """Pd falls with the SNR, whatever the number of workers."""
     _, env = outside
     main = "from my_study_command import main\nif __name__ == '__main__': raise SystemExit(main())\n"
     (tmp_path / "noise.py").write_text(main)
-    options = ("--out", str(tmp_path / "run"), "--jobs", "2", "--precision", "0.12")
+    options = ("--out", str(tmp_path / "run"), "--jobs", "2")
     done = run(env, str(tmp_path / "noise.py"), *options)
     assert done.returncode == 0, done.stderr
     assert "SNR -24 dB: Pd" in done.stdout
     rows = list(csv.DictReader((tmp_path / "run/rows.csv").open()))
     pd = [float(row["pd"]) for row in rows]
     assert pd == sorted(pd) and pd[0] < 0.3 and pd[-1] > 0.8
-    assert all(float(r["pd_high"]) - float(r["pd_low"]) <= 0.25 for r in rows)
     assert "| -24.0 |" in (tmp_path / "run/report.md").read_text(encoding="utf-8")
 
 
@@ -164,12 +176,10 @@ def test_study_runs_on_the_engine_to_the_precision_asked_for(outside, tmp_path):
     ],
     ids=PLUGINS,
 )
-def test_what_is_not_registered_is_refused_in_one_line(root, outside, tmp_path, change, message):
-    env = {key: value for key, value in outside[1].items() if key != "RADALT_PLUGINS"}
-    done = ota_eval(root, env, "--sim", "--plan", "--scene", written(tmp_path, **change))
-    assert (done.returncode, done.stdout) == (2, "")
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_what_is_not_registered_is_refused_in_one_line(tmp_path, change, message):
+    status, error = ended(eval_command.main, "--sim", "--plan", "--scene", written(tmp_path, **change))
+    assert_refused(status, error)
+    assert message in error
 
 
 def test_a_plugin_that_is_not_there_is_named_in_one_line(root, outside):

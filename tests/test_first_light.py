@@ -85,16 +85,7 @@ def test_a_healthy_bench_passes_every_step(monkeypatch, tmp_path):
         ({"gain": 0.005}, "radar: level", "more attenuation than stated"),
         ({"serials": (RADAR,)}, "devices: radios found", f"no radio {JAMMER}: UHD found {RADAR};"),
     ],
-    ids=[
-        "wrong rate",
-        "no lock",
-        "late start",
-        "dead antenna",
-        "swapped",
-        "clipping",
-        "40 dB less",
-        "one missing",
-    ],
+    ids="wrong rate,no lock,late start,dead antenna,swapped,clipping,40 dB less,one missing".split(","),
 )
 def test_each_fault_gets_its_verdict(monkeypatch, tmp_path, faults, failed, cause):
     bench, _ = a_bench(monkeypatch, tmp_path, **faults)

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio import gr, radalt
+from waiting import ran, ran_python
 
 from radalt.core.scene import load_scene, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
@@ -75,8 +76,7 @@ def test_only_what_stands_for_radios_differs(b210):
         told = [b["parameters"] | ({"comment": ""} if b["id"] == "note" else {}) for b in (one, other)]
         assert (one["id"], one["states"]["state"]) == (other["id"], other["states"]["state"])
         assert told[0] == told[1]
-        moved = name in ("frame_segmenter", "note_receive")
-        assert moved or one["states"]["coordinate"] == other["states"]["coordinate"]
+        assert one["states"]["coordinate"] == other["states"]["coordinate"]
     kept = [c for c in b210["connections"] if not (UHD | GATES) & set(c)]
     assert [c for c in simulated["connections"] if "simulated_channel" not in c] == kept
     assert sorted(c for c in simulated["connections"] if "simulated_channel" in c) == [
@@ -98,7 +98,7 @@ def test_rewrite_leaves_the_original_alone_and_needs_no_more_than_the_file(b210)
     assert simulate(b210) == simulate(untouched)
 
 
-@pytest.mark.parametrize("name", ["ota_b210", "ota_live", "ota_embedded"])
+@pytest.mark.parametrize("name", ["ota_b210", "ota_live"])
 def test_nothing_but_a_gate_feeds_a_transmitter(name):
     data = load_grc(ROOT / f"flowgraphs/{name}.grc")
     sinks = {block["name"] for block in data["blocks"] if block["id"] == "uhd_usrp_sink"}
@@ -107,8 +107,7 @@ def test_nothing_but_a_gate_feeds_a_transmitter(name):
     assert fed == {"radar_usrp_sink": "radar_gate", "jammer_usrp_sink": "jammer_gate"}
     gates = {b["name"]: b["parameters"] for b in data["blocks"] if b["name"] in GATES}
     assert {g["transmit"] for g in gates.values()} == {"bool(transmit)"}
-    if name != "ota_embedded":  # where every block of ours is one of GRC's own
-        assert {b["id"] for b in data["blocks"] if b["name"] in GATES} == {"radalt_transmit_gate"}
+    assert {b["id"] for b in data["blocks"] if b["name"] in GATES} == {"radalt_transmit_gate"}
 
 
 def test_no_shipped_flowgraph_has_a_transmitter_but_those():
@@ -117,7 +116,7 @@ def test_no_shipped_flowgraph_has_a_transmitter_but_those():
         for path in FLOWGRAPHS
         if any("sink" in b["id"] and "uhd" in b["id"] for b in load_grc(path)["blocks"])
     }
-    assert with_sinks == {"ota_b210", "ota_live", "ota_embedded"}
+    assert with_sinks == {"ota_b210", "ota_live"}
 
 
 def test_three_radio_blocks_share_two_devices(b210):
@@ -151,11 +150,9 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
     assert full == simulated
 
 
-def test_unknown_method_and_missing_radio_are_named(b210):
+def test_unknown_method_is_named(b210):
     with pytest.raises(FlowgraphError, match="unknown method 'magic'; known: .*whitening"):
         prune(b210, ["magic"], jammer=True)
-    with pytest.raises(FlowgraphError, match="flowgraph ota_sim has no block radar_usrp_sink"):
-        simulate(simulate(b210))
 
 
 # -- GNU Radio's own compiler -----------------------------------------------------------------------------------------
@@ -191,11 +188,6 @@ def test_flowgraph_validates_compiles_and_imports(path, platform, tmp_path, caps
     top = getattr(module, name)
     assert issubclass(top, gr.top_block)
     assert {"scene_file", "seed"} <= inspect.signature(top.__init__).parameters.keys()
-
-
-def test_there_are_flowgraphs_and_descriptions():
-    assert {"ota_b210", "ota_sim"} <= {p.stem for p in FLOWGRAPHS}
-    assert len(DESCRIPTIONS) >= 8
 
 
 # -- descriptions -----------------------------------------------------------------------------------------------------
@@ -393,13 +385,6 @@ def test_drops_without_tags_are_noticed_and_never_shift_an_altitude(clear):
     assert np.nanmax(np.abs(trial_errors(result, scene))) < 1.0
 
 
-def test_what_was_left_out_is_listed(clear, jammed):
-    text = "; ".join(clear.left_out)
-    for part in ("jammer source and second B210", "whitening", "onnxruntime", "converter", "lost samples"):
-        assert part in text
-    assert "jammer source" not in "; ".join(jammed.left_out)
-
-
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):
     """the scene decides what is built, and what is not built is not imported; scipy.signal alone takes 40 MB."""
     scene = write_scene(scene_of(), tmp_path / "scene.yaml")
@@ -407,12 +392,11 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"
         f"import {clear.name} as module\n"
         f"top = module.{clear.name}(scene_file={str(scene)!r}); top.run()\n"
-        "unwanted = {'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch', 'scipy.signal', 'scipy.optimize'}\n"
+        "unwanted = {'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch', 'scipy.signal', 'scipy.optimize',\n"
+        "    'PyQt5', 'gnuradio.uhd'}\n"
         "print('loaded', *sorted(unwanted & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", statements], capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran_python("-c", statements)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip().splitlines()[-1] == "loaded"
 
@@ -511,9 +495,7 @@ def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str
     command = load_grc(ROOT / "flowgraphs/ota_sim.grc")["options"]["parameters"]["run_command"]
     words = shlex.split(command.format(python=shlex.quote(sys.executable), filename=shlex.quote(str(module))))
     environment = os.environ | {"PYTHONPATH": f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"}
-    return subprocess.run(
-        [*words, *arguments], capture_output=True, text=True, timeout=120, check=False, env=environment
-    )
+    return ran(*words, *arguments, env=environment)
 
 
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)

@@ -12,11 +12,10 @@ import pytest
 from hostile import assert_refused, ended
 from test_engine import Coins, Options, command
 from test_fuzz import measured_here
-from test_report import finished, scene_of
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.waveform import Waveform
-from radalt.evaluation.commands import collect, make_recording
+from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine.options import check_ours
 from radalt.evaluation.results.figure import new_figure, save_figure
 from radalt.evaluation.results.folder import FolderError, RunFolder, write_json
@@ -111,17 +110,11 @@ def test_a_limit_of_file_sizes_is_one_line_that_names_the_file(tmp_path, monkeyp
         (gallery, "x.png"),
         (make_recording, "x.sigmf-meta"),
         (make_recording, "x.sigmf-data"),
-        (collect, "comparison.md"),
     ],
 )
 def test_what_a_command_has_not_written_is_kept(module, name, tmp_path):
     (tmp_path / name).write_text("mine")
-    out = tmp_path / name.replace("data", "meta")
-    words = [f"--out={out}"]
-    if module is collect:
-        run = finished(tmp_path / "run", scene_of())
-        words = ["--compare", run, run, f"--out={tmp_path}"]
-    status, error = ended(module.main, *words)
+    status, error = ended(module.main, f"--out={tmp_path / name.replace('data', 'meta')}")
     assert_refused(status, error)
     assert f"{name} exists, and this program has not written it; move it away" in error
     assert (tmp_path / name).read_text() == "mine"

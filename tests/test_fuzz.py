@@ -23,7 +23,7 @@ import pytest
 import sigmf
 import yaml
 from gnuradio import radalt
-from hostile import assert_line, assert_refused, ended
+from hostile import assert_line, assert_refused, ended, measure_here
 from test_engine import Coins, Options, command, rows_of, run
 from test_report import FolderError, finished, scene_of
 
@@ -91,26 +91,8 @@ NUMBERS = st.one_of(
 )
 TEXTS = st.one_of(
     st.text(max_size=20),
-    st.sampled_from(
-        [
-            "",
-            "nan",
-            "inf",
-            "1e999",
-            "7.5e6",
-            "2026-13-45",
-            "1:30",
-            "none",
-            "a\0b",
-            "../..",
-            "/dev/zero",
-            "x" * 9999,
-            "\ud800",
-            "<script>|",
-            "a\x1b[31m\nb",
-            "mine$^{x",
-        ]
-    ),
+    st.sampled_from("nan inf 1e999 7.5e6 2026-13-45 1:30 none ../.. /dev/zero <script>| mine$^{x".split()),
+    st.sampled_from(["", "a\0b", "x" * 9999, "\ud800", "a\x1b[31m\nb"]),
 )
 SCALARS = st.one_of(st.none(), st.booleans(), NUMBERS, TEXTS)
 VALUES = st.recursive(
@@ -126,11 +108,7 @@ WHOLE = scene_to_mapping(
         {
             "interference": [{kind: {}} for kind in ("qpsk", "tones", "nr", "fmcw", "pulsed_radar")],
             "methods": ["none", "whitening", "blanking"],
-            "method_options": {
-                "whitening": {"exponent": 0.5},
-                "blanking": {"window": 64},
-                "lms": {"length": 32},
-            },
+            "method_options": {"whitening": {"exponent": 0.5}, "blanking": {"window": 64}},
             "sweep": {"overlap": [0, 1], "sir_db": [-10], "snr_db": [10]},
         }
     )
@@ -228,19 +206,7 @@ def test_plans(tmp_path, report):
 
 
 SHIPPED = [p.read_text() for p in sorted((ROOT / "flowgraphs/scenes").glob("*.yaml"))]
-TOKENS = [
-    *"{}[]'\"|>%#\0\n\t",
-    "&a ",
-    "*a",
-    "<<: ",
-    ": ",
-    "- ",
-    "? ",
-    "!!int ",
-    "!!python/none ",
-    "9" * 30,
-    "1:1",
-]
+TOKENS = [*"{}[]'\"|>%#\0\n\t", *"&a |*a|<<: |: |- |? |!!int |!!python/none |1:1".split("|"), "9" * 30]
 
 
 @st.composite
@@ -312,18 +278,10 @@ def recording(tmp_path_factory):
     data = folder / "it.sigmf-data"
     np.ones(9000, "<c8").tofile(data)
     scene = scene_to_mapping(parse_scene({}))
-    made = sigmf.SigMFFile(
-        data_file=str(data),
-        global_info={
-            "core:datatype": "cf32_le",
-            "core:sample_rate": 7.5e6,
-            "core:extensions": [{"name": "radalt", "version": "1.0.0", "optional": True}],
-            "radalt:scene": scene,
-            "radalt:latency_samples": 3.0,
-            "radalt:full_scale": 1.0,
-            "radalt:calibration_samples": 2.0,
-        },
-    )
+    info = {"core:datatype": "cf32_le", "core:sample_rate": 7.5e6, "radalt:scene": scene}
+    info["core:extensions"] = [{"name": "radalt", "version": "1.0.0", "optional": True}]
+    info |= {"radalt:latency_samples": 3.0, "radalt:full_scale": 1.0, "radalt:calibration_samples": 2.0}
+    made = sigmf.SigMFFile(data_file=str(data), global_info=info)
     made.add_capture(0, {"core:frequency": 4.3e9, "core:global_index": 0})
     made.add_annotation(0, 7500, {"core:label": "200 m", "radalt:altitude_m": 200.0})
     made.tofile(str(folder / "it.sigmf-meta"), overwrite=True)
@@ -377,10 +335,7 @@ def spoilable(tmp_path_factory):
 def measured_here(patch) -> None:
     """Points are measured in this process: a pool would start one an example. Nothing waits for the disk."""
     patch.setattr("radalt.evaluation.results.folder.os.fsync", lambda file: None)
-    patch.setattr(
-        "radalt.evaluation.engine.run.run_tasks",
-        lambda function, tasks, **_: ((k, function(task)) for k, task in enumerate(tasks)),
-    )
+    measure_here(patch)
 
 
 FILES = ("run.json", "points.jsonl", "rows.csv")

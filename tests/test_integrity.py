@@ -35,8 +35,6 @@ def test_clopper_pearson_is_the_exact_interval():
         assert (low, high) == pytest.approx((exact.low, exact.high))
     assert clopper_pearson(0, 0) == (0.0, 1.0)
     assert clopper_pearson(0, 10_000)[1] == pytest.approx(1 - 0.025 ** (1 / 10_000))
-    with pytest.raises(ValueError, match="3 successes of 2 trials"):
-        clopper_pearson(3, 2)
 
 
 def test_misleading_and_hazardous_are_told_apart():
@@ -49,7 +47,6 @@ def test_misleading_and_hazardous_are_told_apart():
     assert score.availability == pytest.approx(3 / 7)
     assert (score.interruptions, score.followed) == (1, 5)
     assert score.continuity == pytest.approx(0.8)
-    assert score.interval("hazardous") == clopper_pearson(1, 7)
 
 
 def test_an_altitude_without_a_return_is_wrong_by_every_limit():
@@ -67,7 +64,6 @@ def test_scores_add_and_empty_ones_say_nothing():
         and np.isnan(Integrity().continuity)
         and np.isnan(Integrity().rate("computed"))
     )
-    assert Integrity().interval("hazardous") == (0.0, 1.0)
 
 
 def test_time_to_first_altitude_and_to_alert():
@@ -85,11 +81,3 @@ def test_stanford_diagram_counts_every_computed_output_once():
     counts = stanford(out, truth, np.array([0.0, 1.0, 2.0, 4.0]))
     assert counts.sum() == 3
     assert counts[0, 1] == counts[2, 0] == counts[2, 2] == 1
-
-
-def test_bad_input_is_refused_in_one_line():
-    out, truth = outputs_of("NN", 0.0, 1.0)
-    with pytest.raises(ValueError, match="one to one"):
-        integrity(out, truth[:1], 10.0)
-    with pytest.raises(ValueError, match="above 0"):
-        integrity(out, truth, 0.0)

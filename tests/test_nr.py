@@ -38,12 +38,9 @@ def lfsr7(initial: str, tap: int) -> list[int]:
     return out
 
 
-@pytest.mark.parametrize("c_init", [0, 1, 0x12345678, 2**31 - 1])
-def test_gold_sequence_is_the_two_registers(c_init):
-    assert nr_sequences.gold_sequence(c_init, 400).tolist() == lfsr_gold(c_init, 400)
-
-
-def test_gold_sequence_takes_many_seeds_and_no_bits():
+def test_gold_sequence_is_the_two_registers_of_many_seeds_and_no_bits():
+    for c_init in (0, 1, 0x12345678, 2**31 - 1):
+        assert nr_sequences.gold_sequence(c_init, 400).tolist() == lfsr_gold(c_init, 400)
     seeds = np.array([[3, 5], [7, 11]])
     bits = nr_sequences.gold_sequence(seeds, 77)
     assert bits.shape == (2, 2, 77)
@@ -102,43 +99,29 @@ def test_blocks_sit_at_case_a_symbols():
     assert (rows[0], rows[-1]) == (30 + 56, 30 + 182)  # 240 centred in 300 subcarriers
 
 
-@pytest.mark.parametrize("additional", [0, 1, 2, 3])
-@pytest.mark.parametrize("groups", [1, 2])
-def test_pdsch_dmrs_positions_and_values(additional, groups):
+def test_pdsch_dmrs_positions_and_values():
+    """Type A position 2, one additional symbol, two CDM groups without data."""
     cell_id = 321
-    config = nr.NrConfig(
-        cell_id=cell_id, dmrs_additional_positions=additional, cdm_groups_without_data=groups, ssb_indices=()
-    )
-    grid = nr.resource_grid(config, np.random.default_rng(3))
-    table = {0: [2], 1: [2, 11], 2: [2, 7, 11], 3: [2, 5, 8, 11]}[additional]
+    grid = nr.resource_grid(nr.NrConfig(cell_id=cell_id, ssb_indices=()), np.random.default_rng(3))
     slot = 6
     found = np.flatnonzero(grid.where(Element.PDSCH_DMRS)[:, 14 * slot : 14 * slot + 14].any(axis=0))
-    assert found.tolist() == table
-    beta = {1: 1.0, 2: 10 ** (3 / 20)}[groups]
-    for symbol in table:
-        c_init = (2**17 * (14 * slot + symbol + 1) * (2 * cell_id + 1) + 2 * cell_id) % 2**31
+    assert found.tolist() == [2, 11]
+    for symbol in found:
+        c_init = (2**17 * (14 * slot + int(symbol) + 1) * (2 * cell_id + 1) + 2 * cell_id) % 2**31
         r = lfsr_qpsk(c_init, 150)
         column = grid.values[:, 14 * slot + symbol]
         for n in range(75):  # k = 4n + 2k', configuration type 1, port 1000
             for k_prime in (0, 1):
-                assert abs(column[4 * n + 2 * k_prime] - beta * r[2 * n + k_prime]) < 1e-12
-        odd = grid.elements[1::2, 14 * slot + symbol]
-        assert set(odd.tolist()) == {Element.PDSCH if groups == 1 else Element.EMPTY}
+                assert abs(column[4 * n + 2 * k_prime] - 10 ** (3 / 20) * r[2 * n + k_prime]) < 1e-12
+        assert set(grid.elements[1::2, 14 * slot + symbol].tolist()) == {Element.EMPTY}
 
 
-@pytest.mark.parametrize("duration", [1, 2, 3])
-def test_pdcch_dmrs_positions_and_values(duration):
+def test_pdcch_dmrs_positions_and_values():
     cell_id = 99
-    config = nr.NrConfig(
-        channel_bandwidth_hz=10e6,
-        cell_id=cell_id,
-        coreset_symbols=duration,
-        dmrs_type_a_position=3 if duration == 3 else 2,
-        pdcch_load=1.0,
-    )
+    config = nr.NrConfig(channel_bandwidth_hz=10e6, cell_id=cell_id, pdcch_load=1.0)
     grid = nr.resource_grid(config, np.random.default_rng(3))
     slot = 4
-    for symbol in range(duration):
+    for symbol in range(2):
         c_init = (2**17 * (14 * slot + symbol + 1) * (2 * cell_id + 1) + 2 * cell_id) % 2**31
         r = lfsr_qpsk(c_init, 3 * 52)
         kinds = grid.elements[:, 14 * slot + symbol]
@@ -168,13 +151,12 @@ def test_load_is_the_fraction_of_resource_blocks(load):
 
 
 def test_pdsch_never_meets_a_block_or_the_control_region():
-    config = nr.NrConfig(channel_bandwidth_hz=10e6, ssb_indices=(0, 3), dmrs_additional_positions=0, load=1.0)
+    config = nr.NrConfig(channel_bandwidth_hz=10e6, ssb_indices=(0, 3), load=1.0)
     grid = nr.resource_grid(config, np.random.default_rng(2))
     data = grid.where(Element.PDSCH, Element.PDSCH_DMRS).reshape(52, 12, 140).any(axis=1)
     touched = slice(192 // 12, (192 + 240) // 12)
-    assert not data[touched, :14].any()  # its DM-RS in symbol 2 would hit block 0
-    assert not data[touched, 14 + 8 : 14 + 12].any()  # block 3 is rate matched around
-    assert data[touched, 14 + 12].all() and data[:16, 12].all()
+    assert not data[touched, :28].any()  # its DM-RS in symbols 2 and 11 would hit blocks 0 and 3
+    assert data[touched, 28 + 12].all() and data[:16, 12].all()
     assert not data.reshape(52, 10, 14)[..., :2].any()
 
 
@@ -231,14 +213,6 @@ def test_users_powers_differ_by_the_spread():
     assert -10 <= users.min() < -8 and -2 < users.max() <= 1e-9
     pilots = grid.values[grid.elements == Element.PDSCH_DMRS]
     assert np.abs(pilots).min() == pytest.approx(10 ** ((users.min() + 3) / 20), rel=1e-6)
-
-
-def test_idle_slots_send_control_alone():
-    config = nr.NrConfig(channel_bandwidth_hz=10e6, slot_load=0.5, ssb_indices=())
-    grid = nr.resource_grid(config, np.random.default_rng(3))
-    power = np.sum(np.abs(grid.values.reshape(-1, 10, 14)[..., 2:]) ** 2, axis=(0, 2))
-    assert 2 <= np.count_nonzero(power == 0) <= 8
-    assert (np.abs(grid.values.reshape(-1, 10, 14)[..., :2]) > 0).any(axis=(0, 2)).all()
 
 
 def demodulate(samples, rate_hz, subcarriers, symbols, carrier_hz=0.0, kept=slice(None), spacing_hz=15e3):
@@ -423,9 +397,7 @@ def test_second_layer_has_its_power_and_the_other_port_of_the_dmrs():
 
 
 def test_tdd_sends_in_downlink_slots_and_ten_symbols_of_special_ones():
-    config = nr.NrConfig(
-        channel_bandwidth_hz=20e6, subcarrier_spacing_hz=30e3, tdd="DDDSU", dmrs_additional_positions=2
-    )
+    config = nr.NrConfig(channel_bandwidth_hz=20e6, subcarrier_spacing_hz=30e3, tdd="DDDSU")
     grid = nr.resource_grid(config, np.random.default_rng(1))
     used = grid.elements.any(axis=0).reshape(20, 14)
     for slot, kind in enumerate("DDDSU" * 4):
@@ -433,8 +405,8 @@ def test_tdd_sends_in_downlink_slots_and_ten_symbols_of_special_ones():
             used[slot].tolist() == {"D": [True] * 14, "S": [True] * 10 + [False] * 4, "U": [False] * 14}[kind]
         )
     pilots = (grid.elements == Element.PDSCH_DMRS).any(axis=0).reshape(20, 14)
-    assert np.flatnonzero(pilots[5]).tolist() == [2, 7, 11]
-    assert np.flatnonzero(pilots[8]).tolist() == [2, 6, 9]  # Table 7.4.1.1.2-3, ten symbols
+    assert np.flatnonzero(pilots[5]).tolist() == [2, 11]
+    assert np.flatnonzero(pilots[8]).tolist() == [2, 9]  # Table 7.4.1.1.2-3, ten symbols
     silent = nr.frame_samples(nr.NrConfig(tdd="DDDSU", evm=0.1)).reshape(10, -1)
     assert not silent[4].any() and silent[5].any()  # no error vectors where nothing is sent
 
@@ -442,7 +414,7 @@ def test_tdd_sends_in_downlink_slots_and_ten_symbols_of_special_ones():
 def test_tracking_reference_signal():
     """Clause 7.4.1.5.3, row 1: density 3, one port; TS 38.214 clause 5.1.6.1.1: two symbols in two slots in a row."""
     cell_id = 77
-    config = nr.NrConfig(cell_id=cell_id, csi_rs=True, dmrs_additional_positions=3)
+    config = nr.NrConfig(cell_id=cell_id, csi_rs=True)
     grid = nr.resource_grid(config, np.random.default_rng(1))
     rows, columns = np.nonzero(grid.elements == Element.CSI_RS)
     assert np.unique(columns).tolist() == [14 + 6, 14 + 10, 28 + 6, 28 + 10]
@@ -513,21 +485,6 @@ def test_cyclic_prefixes_repeat_the_symbol_end():
         start += prefix + 512
 
 
-def test_upconversion_resets_the_phase_at_each_symbol():
-    """Clause 5.4: against f_0 the symbol turns by -2 pi f_0 (t_start + N_CP T_c)."""
-    f0 = 4.2345e9
-    plain = nr.frame_samples(nr.NrConfig(ssb_indices=()))
-    turned = nr.frame_samples(nr.NrConfig(ssb_indices=(), upconversion_frequency_hz=f0))
-    position = 40
-    for symbol in range(14):
-        seconds = position / 7.68e6
-        ratio = np.vdot(plain[position : position + 512], turned[position : position + 512])
-        difference = np.angle(ratio * np.exp(2j * np.pi * np.mod(f0 * seconds, 1.0)))
-        if abs(ratio) > 0:
-            assert abs(difference) < 1e-5
-        position += 512 + (40 if symbol == 6 else 36)
-
-
 @pytest.mark.parametrize("bandwidth_hz", [5e6, 10e6])
 def test_windows_have_unit_power_and_wrap_cleanly(bandwidth_hz):
     emitter = nr.NrEmitter(channel_bandwidth_hz=bandwidth_hz, carrier_hz=1234567.0, load=0.6)
@@ -554,49 +511,21 @@ def test_same_seed_same_window_and_other_frames_differ():
     assert abs(np.vdot(first, second)) / 75_000 < 0.2  # only the pilots are common
 
 
-def test_received_fraction_counts_what_the_filter_leaves():
-    assert nr.NrEmitter().received_fraction(RATE_HZ) == pytest.approx(1.0, abs=1e-3)
-    # -6 dB points at +-3.5625 MHz of a spectrum that is flat over 9.36 MHz
-    fraction = nr.NrEmitter(channel_bandwidth_hz=10e6, ssb_indices=()).received_fraction(RATE_HZ)
-    assert fraction == pytest.approx(7.125 / 9.36, abs=0.02)
+WRONG = {
+    "channel_bandwidth_hz": (21e6, 100e6), "subcarrier_spacing_hz": (60e3, 30e3), "carrier_hz": (float("nan"),),
+    "evm": (-0.1, "good"), "second_layer_db": (30.0,), "power_spread_db": (31.0,), "modulation": ("8psk",),
+    "tdd": ("DDX", "DDD", "UDDDD"), "cell_id": (1008, -1, 1.5), "frame_count": (0,), "load": (1.01,),
+    "pdcch_load": (-0.1,), "ssb_indices": ((8,), (1, 1)),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("channel_bandwidth_hz", 21e6),
-        ("channel_bandwidth_hz", 100e6),
-        ("subcarrier_spacing_hz", 60e3),
-        ("subcarrier_spacing_hz", 30e3),
-        ("evm", -0.1),
-        ("evm", "good"),
-        ("second_layer_db", 30.0),
-        ("tdd", "DDX"),
-        ("tdd", "DDD"),
-        ("tdd", "UDDDD"),
-        ("cell_id", 1008),
-        ("cell_id", -1),
-        ("cell_id", 1.5),
-        ("modulation", "8psk"),
-        ("power_spread_db", 31.0),
-        ("load", 1.01),
-        ("slot_load", -0.1),
-        ("pdcch_load", -0.1),
-        ("coreset_symbols", 4),
-        ("coreset_symbols", 3),
-        ("dmrs_additional_positions", 4),
-        ("ssb_indices", (8,)),
-        ("ssb_indices", (1, 1)),
-        ("ssb_subcarrier", 61),
-        ("frame_count", 0),
-        ("carrier_hz", float("nan")),
-    ],
-)
-def test_wrong_values_get_one_clear_line(field, value):
-    with pytest.raises(ValueError) as error:
-        nr.NrEmitter(**{field: value})
-    message = str(error.value)
-    assert "\n" not in message and field in message
+@pytest.mark.parametrize("field", WRONG)
+def test_wrong_values_get_one_clear_line(field):
+    for value in WRONG[field]:
+        with pytest.raises(ValueError) as error:
+            nr.NrEmitter(**{field: value})
+        message = str(error.value)
+        assert "\n" not in message and field in message
 
 
 @pytest.mark.parametrize(
@@ -604,8 +533,6 @@ def test_wrong_values_get_one_clear_line(field, value):
     [
         (nr.NrEmitter(carrier_hz=6.1e6), RATE_HZ, "carrier_hz"),
         (nr.NrEmitter(), 7_500_001.0, "rate_hz"),
-        (nr.NrEmitter(), 0.0, "rate_hz"),
-        (nr.NrEmitter(receiver_bandwidth_hz=7.5e6), RATE_HZ, "receiver_bandwidth_hz"),
         (nr.NrEmitter(load=0.0, pdcch_load=0.0, ssb_indices=()), RATE_HZ, "ssb_indices"),
     ],
 )

@@ -61,12 +61,10 @@ def test_the_command_in_a_report_holds_what_its_rows_depend_on_and_no_folder(tmp
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--models", nargs="*", type=type(tmp_path))
     add_options(parser, out="results/study")
-    words = ["--frames", "6", "--quick", "--jobs", "1", "--out", str(tmp_path), "--precision", "0.05"]
+    words = ["--frames", "6", "--quick", "--jobs", "1", "--out", str(tmp_path)]
     args = parser.parse_args([*words, "--publish", "docs", "--models", str(tmp_path / "a b.onnx")])
     command = command_of(args, parser)
-    assert command == (
-        ".venv/bin/python flowgraphs/study.py --frames=6 --quick --models 'a b.onnx' --precision=0.05"
-    )
+    assert command == (".venv/bin/python flowgraphs/study.py --frames=6 --quick --models 'a b.onnx'")
     assert options_of(args, parser, command=command).publish.name == "docs"
 
 

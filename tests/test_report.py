@@ -4,29 +4,24 @@ import dataclasses
 import json
 import os
 import re
-import subprocess
-from functools import cache
 
 import numpy as np
 import pytest
-import yaml
-from scipy.stats import fisher_exact
+from waiting import ran
 
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
-from radalt.evaluation.overlap import figures
-from radalt.evaluation.overlap.comparison import compare, comparisons, holm
 from radalt.evaluation.overlap.points import point_seed, sweep_points
-from radalt.evaluation.overlap.pooling import PoolError, collect
-from radalt.evaluation.overlap.pooling import Run as ComparedRun
+from radalt.evaluation.overlap.pooling import PoolError, collect, pool_runs, read_run
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.score import Score
+from radalt.evaluation.results.style import series_style
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
 
@@ -48,23 +43,14 @@ def correct_of(method, point, trials):
 
 
 def rows_of(scene, batches=1):
-    """A row per point and method; ``batches`` of each point with interference, as --precision asks for."""
+    """A row per point and method; ``batches`` times the trials of each point with interference."""
     out = []
     for point in sweep_points(scene):
         trials = scene.altitude.programme.trial_frames * (batches if point.overlap else 1)
         for method in scene.methods:
             correct = correct_of(method, point, trials)
-            s = Score(
-                trials,
-                trials,
-                correct,
-                trials,
-                0,
-                0,
-                0.04 * trials + 1e4 * (trials - correct),
-                0.1,
-                0.04 * trials,
-            )
+            squared = 0.04 * trials + 1e4 * (trials - correct)
+            s = Score(trials, trials, correct, trials, 0, 0, squared, 0.1, 0.04 * trials)
             seed = point_seed(scene.seed, point)
             timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
             out.append(
@@ -80,8 +66,7 @@ def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
     folder = RunFolder(path, head_of(scene, methods))
     rows = rows_of(scene, batches)
     ceiling = [r for r in rows if r["overlap"] == 0]
-    precision = 0.05 if batches > 1 else None
-    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=precision)
+    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     if whole:
         write_report(folder, OverlapStudy(scene), rows, ceiling, run)
     else:
@@ -109,7 +94,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
             assert row["pd"] is None and row["trials"] == 0
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))
-    run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=None)
+    run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     write_report(folder, OverlapStudy(scene), rows, [r for r in rows if r["overlap"] == 0], run)
     folder.close()
     text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
@@ -119,22 +104,6 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
 
 
 # -- scenes back to mappings --------------------------------------------------------------------------------------
-
-
-def test_a_scene_written_to_yaml_reads_back_equal(root):
-    scenes = [load_scene(path) for path in sorted((root / "flowgraphs" / "scenes").glob("*.yaml"))]
-    scenes.append(
-        scene_of(
-            interference=(
-                Interferer(ToneEmitter(3), -5.0, 0.3, start=0.2),
-                Interferer(QpskEmitter(pulse="rrc")),
-            ),
-            method_options={"tcae": {"threads": 1}},
-        )
-    )
-    for scene in scenes:
-        text = yaml.safe_dump(scene_to_mapping(scene))
-        assert parse_scene(yaml.safe_load(text)) == scene
 
 
 def test_the_shipped_default_is_the_papers_case():
@@ -153,48 +122,18 @@ def test_rows_survive_the_disk_digit_by_digit(tmp_path):
     """A fresh and a resumed run report the same numbers."""
     rows = rows_of(scene_of())
     folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", 0, rows[:2])
-    folder.add("b", 3, rows[2:4])
+    folder.add("a", rows[:2])
+    folder.add("b", rows[2:4])
     folder.close()
     again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-    assert again.done == {("a", 0): rows[:2], ("b", 3): rows[2:4]} and again.rejected == []
-
-
-def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
-    rows = rows_of(scene_of())
-    folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", 0, rows[:2])
-    keep = (tmp_path / "points.jsonl").read_bytes()
-    folder.add("b", 0, rows[2:4])
-    folder.close()
-    text = (tmp_path / "points.jsonl").read_bytes()
-    for cut in range(len(keep), len(text), 7):
-        (tmp_path / "points.jsonl").write_bytes(text[:cut])
-        again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-        again.close()
-        assert set(again.done) == {("a", 0)}
-        assert (tmp_path / "points.jsonl").read_bytes() == keep
-
-
-@pytest.mark.parametrize(
-    "change", [('"pd": 1.0', '"pd": 7.0'), ('"trials": 150', '"trials": -5'), ('"a"', '"b"')]
-)
-def test_a_row_that_was_changed_is_named_and_measured_again(tmp_path, change):
-    folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", 0, rows_of(scene_of())[:2])
-    folder.close()
-    journal = tmp_path / "points.jsonl"
-    assert change[0] in journal.read_text(encoding="utf-8")
-    journal.write_text(journal.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
-    again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-    assert again.done == {} and again.rejected == [f"{journal}:1"]
+    assert again.done == {"a": rows[:2], "b": rows[2:4]} and again.rejected == []
 
 
 def test_rows_of_another_seed_do_not_hold(tmp_path):
     """Somebody copied the journal: same points, same columns, whole lines."""
     for name, seed in (("a", 1), ("b", 2)):
         folder = RunFolder(tmp_path / name, head_of(scene_of(seed=seed)))
-        folder.add("a", 0, rows_of(scene_of(seed=seed))[:2])
+        folder.add("a", rows_of(scene_of(seed=seed))[:2])
         folder.close()
     journal = tmp_path / "a" / "points.jsonl"
     journal.write_bytes((tmp_path / "b" / "points.jsonl").read_bytes())
@@ -212,13 +151,6 @@ def test_a_pipe_in_the_folder_is_not_waited_at(tmp_path, name):
 
 
 # -- one run, one folder ------------------------------------------------------------------------------------------
-
-
-def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
-    finished(tmp_path / "a", scene_of())
-    with pytest.raises(FolderError, match="holds a run already; add --resume"):
-        RunFolder(tmp_path / "a", head_of(scene_of()))
-    RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
 
 
 @pytest.mark.parametrize("name", ["report.md", "scene.yaml", "rows.csv", "thesis.tex"])
@@ -269,9 +201,13 @@ def test_resume_refuses_another_model_of_the_same_name_and_other_versions(tmp_pa
 # -- report -------------------------------------------------------------------------------------------------------
 
 
-def test_the_report_says_all_that_it_has_to(tmp_path):
-    out = finished(tmp_path / "a", scene_of(), whole=True)
-    report = read_report(out)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
+
+
+def test_the_report_says_all_that_it_has_to(whole):
+    report = read_report(whole)
     assert report["schema"] == SCHEMA and report["seed"] == 1
     assert parse_scene(report["scene"]) == scene_of()
     needed = (
@@ -287,20 +223,20 @@ def test_the_report_says_all_that_it_has_to(tmp_path):
     assert {r["method"] for r in report["ceiling"]} == set(METHODS) and len(report["ceiling"]) == 2
     assert 0.01 < report["bounds"][0]["altitude_crb_m"] < 0.1  # 10 dB SNR: about 3 cm
     for name in report["figures"]:
-        assert (out / name).read_bytes().startswith(b"\x89PNG")
-    text = (out / "report.md").read_text(encoding="utf-8")
+        assert (whole / name).read_bytes().startswith(b"\x89PNG")
+    text = (whole / "report.md").read_text(encoding="utf-8")
     for part in ("SIR \N{MINUS SIGN}28 dB", "95 % Wilson", "Cram", "left out", "m.onnx", "real-time factor"):
         assert part in text
     assert "placeholder" not in text
 
 
-def test_a_placeholder_model_is_said_in_the_report(tmp_path):
+def test_a_placeholder_model_is_said_and_names_from_a_scene_stay_text(tmp_path):
     methods = METHODS | {"tcae": METHODS["tcae"] | {"placeholder": True}}
-    text = (finished(tmp_path / "a", scene_of(), methods, whole=True) / "report.md").read_text(
-        encoding="utf-8"
-    )
-    assert "The model of tcae (m.onnx) is a placeholder" in text
-    assert "never came out" not in text
+    out = finished(tmp_path / "a", scene_of(name="<b>&case"), methods, whole=True)
+    text = (out / "report.md").read_text(encoding="utf-8")
+    assert "The model of tcae (m.onnx) is a placeholder" in text and "never came out" not in text
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<b>&case" not in page and "&lt;b&gt;&amp;case" in page
 
 
 def test_break_points_are_interpolated_and_gains_are_against_none():
@@ -319,33 +255,8 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
 # -- figures ------------------------------------------------------------------------------------------------------
 
 
-def test_methods_differ_in_colour_marker_and_line_so_that_grey_print_suffices():
-    methods = ["none", "lms", "lms_reference_input", "nlms", "whitening", "blanking", "tcae", "mine", "other"]
-    styles = [figures.series_style(m, methods) for m in methods]
-    for key in ("color", "marker", "label"):
-        assert len({str(s[key]) for s in styles}) == len(methods)
-    # the line alone tells all but the two headline series apart, which differ in marker and darkness
-    assert len({str(s["linestyle"]) for s in styles}) == len(methods) - 1
-
-
 def test_a_method_looks_the_same_whatever_else_is_drawn():
-    assert figures.series_style("tcae", ["tcae"]) == figures.series_style("tcae", ["none", "mine", "tcae"])
-
-
-def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
-    drawn = []
-    original = figures._plot
-    monkeypatch.setattr(figures, "_plot", lambda axis, *rest: (drawn.append(rest), original(axis, *rest)))
-    rows = rows_of(scene_of())
-    figures.draw_pd(rows, tmp_path / "a.png", title="t")
-    assert len(drawn) == 4  # two panels of two methods
-    x, pd, error, _, style = drawn[2]
-    mine = [r for r in rows if r["sir_db"] == -28 and r["method"] == "none"]
-    assert style["label"] == "none"  # one name in options, rows and figures
-    assert np.abs(x - [0, 0.5, 1]).max() < 0.1
-    assert pd.tolist() == [r["pd"] for r in mine]
-    np.testing.assert_allclose(pd - error[0], [r["pd_low"] for r in mine])
-    np.testing.assert_allclose(pd + error[1], [r["pd_high"] for r in mine])
+    assert series_style("tcae", ["tcae"]) == series_style("tcae", ["none", "mine", "tcae"])
 
 
 # -- pooling ------------------------------------------------------------------------------------------------------
@@ -366,19 +277,8 @@ def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_pa
 def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
     a = finished(tmp_path / "a", scene_of(methods=("none",)), {"none": {}})
     b = finished(tmp_path / "b", scene_of(seed=2, sweep=SweepSpec(overlap=(0.25,), sir_db=(-28.0,))))
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    pooled, _ = pool_runs([read_run(a), read_run(b)])
     assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
-
-
-def test_a_run_with_a_precision_is_added_and_compared_as_any_other(tmp_path):
-    """Its points have as many trials as each needed."""
-    a = finished(tmp_path / "a", scene_of())
-    b = finished(tmp_path / "b", scene_of(seed=2), batches=3)
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
-    assert {(r["overlap"] > 0, r["trials"]) for r in pooled} == {(False, 300), (True, 600)}
-    assert "0 differ beyond chance" in compare(a, b)
 
 
 def test_a_longer_run_of_one_seed_is_not_independent(tmp_path):
@@ -505,11 +405,6 @@ def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
 # -- report.html --------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
-
-
 def test_figures_are_there_in_three_formats(whole):
     for name in ("pd_vs_overlap", "rmse_vs_overlap", "wrong_vs_overlap"):
         assert (whole / f"{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -537,7 +432,7 @@ def test_figures_are_the_same_bytes_for_the_same_rows(whole, tmp_path):
 
 def test_figures_can_be_read_in_grey(whole):
     """Every series differs from every other in more than colour."""
-    styles = [figures.series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
+    styles = [series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
     told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
     assert len(set(told)) == len(told)
 
@@ -550,11 +445,6 @@ def test_page_is_whole_and_asks_for_nothing(whole):
     assert text.count("<svg") == 3 and "rate_hz: 7500000.0" in text and "radalt 0" in text
     for row in read_report(whole)["rows"]:
         assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
-
-
-def test_names_from_a_scene_stay_text(tmp_path):
-    page = finished(tmp_path / "run", scene_of(name="<b>&case"), whole=True) / "report.html"
-    assert "<b>&case" not in page.read_text() and "&lt;b&gt;&amp;case" in page.read_text()
 
 
 def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
@@ -571,76 +461,9 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
     </script></body>"""
     page = tmp_path / "page.html"
     page.write_text((whole / "report.html").read_text().replace("</body>", probe))
-    done = subprocess.run(
-        [*browser, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran(*browser, "--dump-dom", page.as_uri())
     found = dict(re.findall(r'data-(up|down|drawn)="([^"]*)"', done.stdout))
     assert found.keys() == {"up", "down", "drawn"}, done.stderr
     up, down = ([float(v) for v in found[key].split()] for key in ("up", "down"))
     assert up == sorted(up) and down == sorted(up, reverse=True) and len(up) == 12
     assert found["drawn"] == "3"
-
-
-# -- two runs compared --------------------------------------------------------------------------------------------
-
-
-def test_holm_is_the_textbooks():
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-
-
-def test_fishers_test_is_exact():
-    """The lady tasting tea: three of four and one of four right."""
-    a, b = ({"trials": 4, "correct": k, "detections": 4} for k in (3, 1))
-    runs = [
-        ComparedRun(name, {"rows": [dict.fromkeys(("interference", "method"), "x") | place | row]})
-        for name, row in (("a", a), ("b", b))
-        for place in [{"overlap": 1.0, "sir_db": -10.0, "snr_db": None}]
-    ]
-    pd, wrong = comparisons(*runs)
-    assert pd.p == pytest.approx(34 / 70) == wrong.p
-    assert pd.difference[0] == -0.5 and pd.difference[1] < -0.5 < pd.difference[2] < 1.0
-
-
-def test_chance_alone_is_rarely_named():
-    """400 pairs of equal runs of 30 comparisons each: a difference is named in at most 5 % of them."""
-    rng = np.random.default_rng(1)
-    chance = cache(lambda x, y: fisher_exact([[x, 60 - x], [y, 60 - y]])[1])
-    named = 0
-    for _ in range(400):
-        tables = [rng.binomial(60, np.linspace(0.05, 0.95, 30)).tolist() for _ in range(2)]
-        named += min(holm([chance(x, y) for x, y in zip(*tables, strict=True)])) <= 0.05
-    assert named / 400 <= 0.05
-
-
-def test_comparison_names_settings_points_and_the_correction(tmp_path):
-    first = finished(tmp_path / "first", scene_of())
-    second = finished(tmp_path / "second", scene_of(seed=2, sweep=SweepSpec((0.0, 1.0), (-10.0, -28.0))))
-    path = second / "report.json"
-    report = json.loads(path.read_text())
-    for row in report["rows"]:
-        if row["method"] == "none" and row["overlap"] == 1.0 and row["sir_db"] == -28.0:
-            row["correct"] += 60
-            row["pd"] = row["correct"] / row["trials"]
-    path.write_text(json.dumps(report))
-    text = compare(first, second)
-    assert "| seed | 1 | 2 |" in text and "Holm's method: **2 differ beyond chance**" in text
-    assert "16 comparisons by Fisher's exact test" in text and "4 rows are in" in text
-    lines = [line for line in text.splitlines() if line.startswith("| none | qpsk_rectangular | 1 | -28 |")]
-    assert [line.split(" | ")[5] for line in lines] == ["Pd", "wrong"]
-    assert "+0.400 (" in lines[0] and "-0.400 (" in lines[1]
-
-
-def test_comparison_of_a_run_with_itself_finds_nothing(tmp_path):
-    folder = finished(tmp_path / "run", scene_of())
-    text = compare(folder, folder)
-    assert "None differs." in text and "12 rows in both, 12 of them with the same digits" in text
-    assert "**0 differ beyond chance**" in text and "test is conservative" in text
-
-
-def test_comparison_of_what_has_nothing_in_common_is_refused(tmp_path):
-    folders = [
-        finished(tmp_path / f"{sir}", scene_of(sweep=SweepSpec((0.5,), (sir,)))) for sir in (-10.0, -20.0)
-    ]
-    with pytest.raises(PoolError, match="have no method and point in common"):
-        compare(*folders)

@@ -5,14 +5,14 @@ import struct
 import dted
 import numpy as np
 import pytest
+from _landing_scenario import cell_posts
 from make_landing_data import encode_dted, write_dted
 
-from radalt.core.returns import terrain
 from radalt.core.returns.terrain import VOID_M, DtedCell, Terrain, TerrainError
 
 
 def _relief(level: int, lat: int, lon: int, seed: int = 3) -> np.ndarray:
-    posts_lat, posts_lon = terrain.cell_posts(level, lat, lon)
+    posts_lat, posts_lon = cell_posts(level, lat, lon)
     rng = np.random.default_rng(seed)
     return rng.integers(-450, 3000, size=(posts_lon.size, posts_lat.size), dtype=np.int16)
 
@@ -65,7 +65,7 @@ def test_shipped_files_are_what_the_command_writes(tmp_path, root):
 def test_height_is_exact_on_posts_and_bilinear_between(tmp_path):
     relief = _relief(0, 41, -88)
     ground = Terrain.load([write_dted(tmp_path / "a.dt0", relief, 41, -88, 0)])
-    lat, lon = terrain.cell_posts(0, 41, -88)
+    lat, lon = cell_posts(0, 41, -88)
     assert np.abs(ground.height_m(lat[None, :], lon[:, None]) - relief).max() < 1e-6
     i, j, fx, fy = 17, 88, 0.3, 0.65
     corner = relief[i : i + 2, j : j + 2].astype(float)
@@ -90,7 +90,7 @@ def test_a_void_post_is_named_or_filled(tmp_path):
     path = write_dted(tmp_path / "void.dt0", relief, 41, -88, 0)
     ground = Terrain.load([path])
     assert ground.height_m(41.2, -87.8) == pytest.approx(200.0)  # voids elsewhere do no harm
-    lat, lon = terrain.cell_posts(0, 41, -88)
+    lat, lon = cell_posts(0, 41, -88)
     assert ground.height_m(lat[60], lon[59]) == pytest.approx(200.0)  # nor does a void whose weight is zero
     with pytest.raises(TerrainError, match=r"41\.503.*void.*void='fill'"):
         ground.height_m(41.503, -87.497)
@@ -129,4 +129,4 @@ def test_writer_refuses_what_dted_cannot_hold():
     with pytest.raises(TerrainError, match="32766"):
         encode_dted(np.full((121, 121), -32768, np.int32), 41, -88, 0)
     with pytest.raises(TerrainError, match="level is 3"):
-        terrain.cell_posts(3, 41, -88)
+        cell_posts(3, 41, -88)

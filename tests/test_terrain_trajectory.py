@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from _landing_scenario import OHARE_10C, Approach
 
-from radalt.core.returns.terrain import OHARE_10C, Approach, Trajectory, TrajectoryError
+from radalt.core.returns.terrain import Trajectory, TrajectoryError
 
 HEADER = "time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude\n"
 

@@ -38,8 +38,8 @@ PANELS = (
     ("dvbs2", "DVB-S2 by GNU Radio"),
 )
 TITLE = "Interference gallery of gr-radalt"  # in the file's metadata
-SIR_DB = -20.0
-WINDOW = 128
+SIR_DB = -20.0  # at which return and interference are both seen
+WINDOW = 128  # samples of a short-time transform: 17 us
 
 
 def spectrogram_db(samples: np.ndarray) -> np.ndarray:
@@ -50,7 +50,7 @@ def spectrogram_db(samples: np.ndarray) -> np.ndarray:
 
 
 def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
-    """The scene with the recording that it plays, if it plays one, made in a folder."""
+    """The scene with its recording, if it plays one, made in a folder."""
     if scene.name not in TRANSMITTERS:
         return scene
     (one,) = scene.interference
@@ -61,7 +61,7 @@ def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
 
 
 def received(scene: Scene, seed: int) -> np.ndarray:
-    """(2 N,) two sweeps: return from 200 m, interference at 60 % overlap, noise as the scene says."""
+    """(2 N,) two sweeps: return from 200 m, interference at 60 % overlap, noise of the scene."""
     w = scene.waveform
     rng = np.random.default_rng(seed)
     point = scene.at(overlap=0.6, sir_db=SIR_DB)
@@ -80,7 +80,8 @@ def draw(path: Path, seed: int) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(3, 4, figsize=(13.0, 9.0), sharex=True, sharey=True, constrained_layout=True)
+    path.parent.mkdir(parents=True, exist_ok=True)  # first: drawing takes seconds
+    figure, axes = plt.subplots(4, 3, figsize=(8.0, 8.6), sharex=True, sharey=True, constrained_layout=True)
     for axis, (name, title) in zip(axes.flat, PANELS, strict=True):
         with tempfile.TemporaryDirectory() as folder:
             scene = with_recording(load_scene(name), Path(folder), seed)
@@ -96,17 +97,16 @@ def draw(path: Path, seed: int) -> None:
             cmap="cividis",
             interpolation="nearest",
         )
-        axis.set_title(title, fontsize=10)
+        axis.set_title(title.replace(", ", ",\n", 1), fontsize=10)
     for axis in axes[:, 0]:
         axis.set_ylabel("Frequency (MHz)")
     for axis in axes[-1]:
         axis.set_xlabel("Time (ms)")
     figure.colorbar(image, ax=axes, label="Power (dB)", shrink=0.9, pad=0.01)
     figure.suptitle(
-        f"Two sweeps at the receiver: 200 m return (the triangle), interference at {SIR_DB:g} dB SIR, 60 % overlap",
+        f"Two sweeps at the receiver: 200 m return (the triangle),\ninterference at {SIR_DB:g} dB SIR, 60 % overlap",
         fontsize=11,
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130, metadata={"Title": TITLE})
 
 
@@ -126,7 +126,7 @@ def _parser() -> Parser:
 
 @command("gallery")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw it; returns 0, or 2 after one line about what does not fit."""
+    """Draw the gallery; returns 0, or 2 after one line about an error."""
     parser = _parser()
     options = parser.parse_args(argv)
     if options.out.suffix not in (".png", ".svg", ".pdf"):

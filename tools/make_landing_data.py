@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Write the landing scenario's data: a synthetic approach as CSV, and synthetic terrain as DTED files.
 
-Without arguments it rewrites what is shipped in ``flowgraphs/landing/``, byte for byte: the approach to
-O'Hare runway 10C geometry, and the two one-degree cells under it, flat and hilly, as DTED level 0. Finer
-levels are made the same way where they are wanted (level 1: 2.9 MB a cell, level 2: 26 MB):
+Without arguments it rewrites the shipped files in ``flowgraphs/landing/``, byte for byte: the approach to the geometry
+of O'Hare runway 10C, and the two one-degree cells below it, flat and hilly, as DTED level 0. Finer levels (level 1:
+2.9 MB per cell, level 2: 26 MB) are made by an option:
 
     .venv/bin/python tools/make_landing_data.py --level 1 --terrain hilly --out my_landing
 """
@@ -15,16 +15,15 @@ from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet l
 from pathlib import Path
 
 import numpy as np
+from _landing_scenario import Approach, cell_posts, intervals_s, synthetic_elevation_m
 
-from radalt.core.returns import terrain
-from radalt.core.returns.terrain import VOID_M, TerrainError, cell_posts
-from radalt.core.returns.terrain.dted_cells import intervals_s
+from radalt.core.returns.terrain import VOID_M, TerrainError
 from radalt.evaluation.engine.options import Parser, command, number, path
 
 CELLS = ((41, -89), (41, -88))  # south-west corners of the cells under the approach
 
 
-# -- DTED (MIL-PRF-89020B): header records, sign-magnitude posts, checksums; no well-kept library writes it ----------
+# -- DTED (MIL-PRF-89020B): header records, sign-magnitude posts, checksums; no maintained library writes it ---------
 
 MAX_ELEVATION_M = 32766
 
@@ -81,7 +80,7 @@ def encode_dted(
     ----------
     elevation_m : (n_lon, n_lat) integer array
         Elevations above mean sea level on `cell_posts`, west to east, each profile south to north;
-        -32766..32766, or `VOID_M` where there is no data.
+        -32766..32766, or `VOID_M` for no data.
     latitude_deg, longitude_deg, level : int
         As in `cell_posts`.
     reference : str
@@ -134,7 +133,7 @@ def write_dted(
 # -- the scenario ---------------------------------------------------------------------------------------------------
 
 
-def approach_csv(approach: terrain.Approach, step_s: float) -> str:
+def approach_csv(approach: Approach, step_s: float) -> str:
     """Text of the trajectory file."""
     lines = [
         f"# SYNTHETIC approach to the geometry of {approach.runway.name}; no flight was recorded for it.",
@@ -174,7 +173,7 @@ def main(argv: list[str] | None = None) -> int:
     """Write the files; returns 0, or 2 after a line about what does not fit."""
     args = _parser().parse_args(argv)
     args.out.mkdir(parents=True, exist_ok=True)
-    approach = terrain.Approach(
+    approach = Approach(
         glide_deg=args.glide_deg, start_height_m=args.start_height_m, speed_m_per_s=args.speed_m_per_s
     )
     file = args.out / "approach_kord_10c.csv"
@@ -182,7 +181,7 @@ def main(argv: list[str] | None = None) -> int:
     print(file)
     for kind in ("flat", "hilly") if args.terrain == "both" else (args.terrain,):
         for lat, lon in CELLS:
-            elevation = terrain.synthetic_elevation_m(kind, args.level, lat, lon)
+            elevation = synthetic_elevation_m(kind, args.level, lat, lon)
             file = args.out / f"{kind}_n{lat}w{-lon:03d}.dt{args.level}"
             reference = f"SYNTH-{kind.upper()}"
             print(write_dted(file, elevation, lat, lon, args.level, reference=reference))

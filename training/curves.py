@@ -1,4 +1,4 @@
-"""Training curves of several runs side by side: loss over training and validation examples, and the learning rate.
+"""Training curves of several runs side by side: loss over training and over validation examples.
 
     PYTHONPATH=python .venv/bin/python training/curves.py paper fc cnn
     PYTHONPATH=python .venv/bin/python training/curves.py paper fc --logs training/runs --out curves.png
@@ -20,7 +20,7 @@ from matplotlib import pyplot as plt
 from radalt.evaluation.engine import options
 
 ROOT = Path(__file__).resolve().parent.parent
-PLATEAU = 0.5  # mean squared error of an output of zero: each rail of a unit frame has half of its power
+PLATEAU = 0.5  # mean squared error of a zero output: each rail of a unit frame has half of its power
 _STYLES = (("#0072B2", "-"), ("#D55E00", "--"), ("#009E73", "-."), ("#CC79A7", ":"), ("#000000", "-"))
 
 
@@ -31,34 +31,30 @@ def read_log(logs: Path, name: str) -> dict[str, list[float]]:
         raise ValueError(f"{logs} holds neither {name}.csv nor {name}/log.csv; name another run or --logs")
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
-    return {
-        key: [float(row[key]) for row in rows] for key in ("epoch", "rate", "train_loss", "validation_loss")
-    }
+    return {key: [float(row[key]) for row in rows] for key in ("epoch", "train_loss", "validation_loss")}
 
 
 def draw(path: Path, logs: Path, names: Sequence[str]) -> None:
-    """One figure: training error, validation error, learning rate, each over epochs."""
-    figure, axes = plt.subplots(1, 3, figsize=(10, 3.4), width_ratios=(3, 3, 2), layout="constrained")
+    """One figure: training error and validation error over epochs."""
+    figure, axes = plt.subplots(1, 2, figsize=(6, 3.2), layout="constrained")
     for name, (colour, dash) in zip(names, _STYLES, strict=False):
         log = read_log(logs, name)
-        for axis, column in zip(axes, ("train_loss", "validation_loss", "rate"), strict=True):
+        for axis, column in zip(axes, ("train_loss", "validation_loss"), strict=True):
             axis.plot(log["epoch"], log[column], dash, color=colour, lw=1.2, label=name)
-    for axis, title in zip(axes, ("training error", "validation error", "learning rate"), strict=True):
+    for axis, title in zip(axes, ("training error", "validation error"), strict=True):
         axis.set(title=title, xlabel="epochs")
         axis.grid(alpha=0.3)
-    for axis in axes[:2]:
         axis.axhline(PLATEAU, color="0.6", lw=0.8)
         axis.set_ylim(0.0, 1.1 * PLATEAU)
-    axes[2].set_ylim(0.0)
     axes[0].set_ylabel("mean squared error")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(names))
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
 @options.command("curves")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw; returns 0, or 2 after one line about what does not fit."""
+    """Draw; returns 0, or 2 after one line about an error."""
     parser = options.Parser("curves", __doc__)
     parser.add_argument("names", nargs="+", metavar="RUN", help=f"at most {len(_STYLES)}")
     parser.add_argument("--logs", type=options.path, default=ROOT / "training" / "logs")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +21,12 @@ from radalt.evaluation.results.break_point import (
     BREAK_PD,
     BreakPoint,
     Gain,
-    break_point,
+    break_point_of,
     mean_gain,
     protection_gain,
 )
 from radalt.evaluation.results.folder import RunFolder
-from radalt.evaluation.results.page import render
+from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import interval, metres, number, table
 
@@ -37,7 +36,7 @@ Row = dict[str, Any]
 Case = tuple[str, float]  # interferer and overlap
 Breaks = dict[Case, dict[str, BreakPoint]]
 
-# the methods' own, and for networks what those leave; a marker and dash each, so that print in grey keeps them apart
+# those of the methods, and for networks colours, markers and dashes that differ from them also in grey
 STYLES = {
     "fc": PlotStyle("#F0E442", "<", ":"),
     "cnn": PlotStyle("#8C6D1F", ">", ":"),
@@ -48,10 +47,12 @@ _EMITTERS = f"{EMITTERS}, unless called ideal"
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
-PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and what ships
-PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # what the paper's networks were trained for
-IDEAL = "_ideal"  # ends the name of an interferer without error vectors
-SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
+PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and the default network
+PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # the range that the paper's networks were trained for
+PANELS = ("qpsk_shaped", "nr5", "nr10", "mixture")  # interferers of the figure
+CURVES = ("none", "whitening", "ofdm_cancel", "hybrid", "paper", "compact")  # methods of the figure
+IDEAL = "_ideal"  # suffix of an interferer's name without error vectors
+SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # interferers of the sweep over SIR
 
 
 def curves(rows: Sequence[Row]) -> dict[Case, dict[str, list[Row]]]:
@@ -66,15 +67,14 @@ def curves(rows: Sequence[Row]) -> dict[Case, dict[str, list[Row]]]:
 
 def break_points(rows: Sequence[Row]) -> Breaks:
     """Break-point of every method in every case (`results.break_point`)."""
-    columns = ("sir_db", "pd", "pd_low", "pd_high")
     return {
-        case: {name: break_point(*([r[c] for r in mine] for c in columns)) for name, mine in methods.items()}
+        case: {name: break_point_of(mine) for name, mine in methods.items()}
         for case, methods in curves(rows).items()
     }
 
 
 def gains(breaks: Breaks, base: str, method: str) -> dict[Case, Gain]:
-    """Protection gain of ``method`` against ``base`` by case, where anything is known of it."""
+    """Protection gain of ``method`` against ``base`` by case, unknown ones left out."""
     pairs = {
         case: protection_gain(v[base], v[method]) for case, v in breaks.items() if {base, method} <= set(v)
     }
@@ -86,7 +86,7 @@ def _special(rows: Sequence[Row], name: str) -> dict[str, Row]:
 
 
 def targets(rows: Sequence[Row], breaks: Breaks) -> list[str]:
-    """The targets that this report can decide, one line each."""
+    """A line for each target that these rows can decide."""
     lines = []
     case = {name: row["rmse_forced_m"] for name, row in _special(rows, PAPER_CASE).items()}
     wirings = [case[m] for m in ("lms", "lms_reference_input") if case.get(m)]
@@ -133,7 +133,7 @@ def _both_table(breaks: Breaks, names: Sequence[str]) -> str:
     lines = []
     for (name, overlap), typical in breaks.items():
         ideal = breaks.get((f"{name}{IDEAL}", overlap))
-        if name == "tones":  # without symbols there is nothing to err
+        if name == "tones":  # no symbols, no error vectors
             ideal = typical
         if ideal is not None:
             lines.append([name, f"{overlap:g}", *(f"{ideal[m]} / {typical[m]}" for m in names)])
@@ -142,7 +142,7 @@ def _both_table(breaks: Breaks, names: Sequence[str]) -> str:
 
 
 def _wrong_table(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """Wrong and called valid over all SIRs of a case that a method was measured at, and the 95 % upper bound of it."""
+    """Rate of wrong and valid altitudes over all SIRs of a case that a method was measured at, and its 95 % bound."""
     lines = []
     for (name, overlap), methods in curves(rows).items():
         scores = [pool(methods[m]) for m in names]
@@ -164,7 +164,7 @@ def _score_table(rows: Sequence[Row], name: str) -> str:
 
 
 def _error_table(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """Forced RMSE of the paper's networks over SIR and overlap, on the interferer that they were trained for."""
+    """Forced RMSE of the paper's networks over SIR and overlap, under the interferer that they were trained for."""
     chosen = [name for name in PAPERS if name in names]
     found = {
         (r["overlap"], r["sir_db"], r["method"]): r for r in rows if r["interferer"] == "qpsk_rectangular"
@@ -174,7 +174,7 @@ def _error_table(rows: Sequence[Row], names: Sequence[str]) -> str:
             f"{overlap:g}",
             f"{sir_db:g}",
             *(
-                metres(r["rmse_forced_m"]) if (r := found.get((overlap, sir_db, m))) else "given up"
+                metres(r["rmse_forced_m"]) if (r := found.get((overlap, sir_db, m))) else "not run"
                 for m in chosen
             ),
         ]
@@ -185,22 +185,21 @@ def _error_table(rows: Sequence[Row], names: Sequence[str]) -> str:
 
 
 def _returns_table(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """One line per return and interferer; a name with a comma is such a case."""
+    """A line per kind of return and interferer; names of such cases have a comma."""
     lines = []
     for case in dict.fromkeys(row["interferer"] for row in rows if ", " in row["interferer"]):
         found = _special(rows, case)
         interferer, ground = case.split(", ")
         cells = [f"{found[m]['pd']:.2f} / {metres(found[m]['rmse_detected_m'])}" for m in names]
         lines.append([ground, interferer, number(found[names[0]]["sir_db"], 1), *cells])
-    return table(["return", "interferer, whole frame", "SIR / dB", *names], lines)
+    return table(["return", "interferer, full overlap", "SIR / dB", *names], lines)
 
 
 def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], run: Run) -> Path:
-    """``report.md``, ``report.json`` and the figures of a finished run; returns the page."""
+    """Write the figures, ``report.md`` and ``report.json``; returns the page."""
     breaks = break_points(rows)
     special = bool(_special(rows, "clean"))
-    report = folder.head | {
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    report = {
         "targets": targets(rows, breaks),
         "break_points": [
             {"interferer": case[0], "overlap": case[1], "method": name} | vars(found) | {"text": str(found)}
@@ -208,80 +207,74 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
             for name, found in methods.items()
         ],
         "rows": list(rows),
-        "run": run.as_dict(),
     }
     figures = []
     if breaks:
         draw_pd(folder.path / "pd.png", rows, names)
-        figures.append(("pd.png", "Pd over SIR"))
-        if "none" in names:
-            draw_gain(folder.path / "gain.png", breaks, names)
-            figures.append(("gain.png", "Protection gain"))
-    page = render(
-        Path(__file__).with_name("evaluate.md.j2"),
-        **report,
-        break_table=_break_table(breaks, names) if breaks else "",
-        both_table=_both_table(breaks, names),
-        wrong_table=_wrong_table(rows, names) if breaks else "",
-        clean_table=_score_table(rows, "clean") if special else "",
-        paper_table=_score_table(rows, PAPER_CASE),
-        error_table=_error_table(rows, names) if breaks else "",
-        returns_table=_returns_table(rows, names),
-        figures=figures,
-    )
-    path = folder.write_text("report.md", page)
-    folder.write_report(report)
-    return path
+        figures.append(("pd.png", "Pd over SIR at full overlap"))
+    values = {
+        "break_table": _break_table(breaks, names) if breaks else "",
+        "both_table": _both_table(breaks, names),
+        "wrong_table": _wrong_table(rows, names) if breaks else "",
+        "clean_table": _score_table(rows, "clean") if special else "",
+        "paper_table": _score_table(rows, PAPER_CASE),
+        "error_table": _error_table(rows, names) if breaks else "",
+        "returns_table": _returns_table(rows, names),
+        "figures": figures,
+    }
+    return write_result(folder, Path(__file__).with_name("evaluate.md.j2"), run.as_dict(), report, values)
 
 
 def beat_spectra(
     path: Path, waveform: Waveform, frames: dict[str, np.ndarray], altitude_m: float, title: str
 ) -> None:
-    """Beat spectra of the same frame as the altimeter sees them, one column a method: {label: (N,) complex}."""
+    """Beat spectra of the altimeter, a panel per method; ``frames`` is {label: (N,) complex}."""
     altimeter = shared_altimeter(waveform, AltimeterSettings())
+    rows = -(-len(frames) // 2)
     figure, axes = plt.subplots(
-        1, len(frames), figsize=(2.4 * len(frames), 2.6), sharey=True, layout="constrained"
+        rows, 2, figsize=(6, 1.9 * rows + 0.6), sharex=True, sharey=True, squeeze=False, layout="constrained"
     )
-    for axis, (label, frame) in zip(axes, frames.items(), strict=True):
+    for axis in axes.flat[len(frames) :]:
+        axis.set_axis_off()
+    for axis, (label, frame) in zip(axes.flat, frames.items(), strict=False):
         spectra = altimeter.spectra(frame[None])
         for half, dash, name in zip(spectra.power[0], ("-", ":"), ("up", "down"), strict=True):
             level_db = 10 * np.log10(np.maximum(half / spectra.power.max(), 1e-9))
             axis.plot(spectra.beat_hz / 1e3, level_db, dash, color="#0072B2", lw=1, label=name)
         true = axis.axvline(waveform.altitude_to_beat_hz(altitude_m) / 1e3, color="#D55E00", lw=0.8)
-        axis.set(title=label, xlabel="beat / kHz", ylim=(-50, 3))
+        axis.set(title=label, ylim=(-50, 3))
         axis.grid(alpha=0.3)
     true.set_label("true beat")
-    axes[0].set_ylabel("dB of the peak")
-    figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside right upper")
+    figure.supxlabel("beat / kHz")
+    figure.supylabel("dB of the peak")
+    figure.legend(*axis.get_legend_handles_labels(), loc="lower right")
     figure.suptitle(title, fontsize=10)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
 def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
-    """Pd over SIR, one panel per interferer and overlap."""
+    """Pd over SIR at the largest overlap: four panels of six curves, readable at 400 pixels; the tables have all."""
     cases = curves(rows)
-    interferers = list(dict.fromkeys(name for name, _ in cases))
-    overlaps = sorted({overlap for _, overlap in cases})
+    fullest = max(overlap for _, overlap in cases)
+    shown = [case for case in cases if case[1] == fullest and case[0] in PANELS] or list(cases)[:4]
     figure, axes = plt.subplots(
-        len(interferers), len(overlaps), figsize=(3.1 * len(overlaps), 2.0 * len(interferers) + 0.8),
-        sharex=True, sharey=True, squeeze=False, layout="constrained",
+        -(-len(shown) // 2), 2, figsize=(6, 5.6), sharex=True, sharey=True, squeeze=False, layout="constrained",
     )  # fmt: skip
-    for name, overlap in cases:
-        axis = axes[interferers.index(name), overlaps.index(overlap)]
-        for method in names:
+    for case, axis in zip(shown, axes.flat, strict=False):
+        for method in [name for name in names if name in CURVES]:
             style = STYLES[method]
             axis.plot(
-                [r["sir_db"] for r in cases[name, overlap][method]],
-                [r["pd"] for r in cases[name, overlap][method]],
+                [r["sir_db"] for r in cases[case][method]],
+                [r["pd"] for r in cases[case][method]],
                 color=style.colour,
                 marker=style.marker,
                 ls=style.line,
-                ms=4,
-                lw=1.1,
+                ms=5,
+                lw=1.4,
                 label=method,
             )
-        axis.set_title(f"{name.replace('_', ' ')}, overlap {overlap:g}", fontsize=8)
+        axis.set_title(f"{case[0].replace('_', ' ')}, overlap {case[1]:g}", fontsize=11)
         axis.axhline(BREAK_PD, color="0.8", lw=0.8)
         axis.grid(alpha=0.25)
     axes[0, 0].invert_xaxis()
@@ -290,25 +283,6 @@ def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     for axis in axes[:, 0]:
         axis.set_ylabel("Pd")
     handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: Sequence[str]) -> None:
-    """Protection gain against none: one row per case, one marker per method; an open end stands at its bound."""
-    figure, axis = plt.subplots(figsize=(8, 0.28 * len(breaks) + 1.5), layout="constrained")
-    labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in breaks]
-    for method in [m for m in names if m != "none"]:
-        known = gains(breaks, "none", method)
-        look = {"marker": STYLES[method].marker, "color": STYLES[method].colour, "label": method}
-        places = [list(breaks).index(case) for case in known]
-        axis.plot([g.db for g in known.values()], places, ls="", ms=7, alpha=0.9, **look)
-    axis.axvline(0, color="k", lw=0.8)
-    axis.set_yticks(range(len(labels)), labels, fontsize=8)
-    axis.invert_yaxis()
-    axis.set_xlabel("protection gain against no mitigation / dB")
-    axis.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
-    figure.savefig(path, dpi=110)
+    figure.legend(*handles, loc="outside upper center", ncols=3, title=_EMITTERS)
+    figure.savefig(path, dpi=150)
     plt.close(figure)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .core.channel.simulated import DropSettings
+from .core.channel.settings import DropSettings
 from .core.mitigation import CUSTOM, METHODS, Mitigation, MitigationError, create
 from .core.mitigation.function import MethodLike, as_methods
 from .core.paths import share_dir

@@ -134,8 +134,7 @@ def frame_ring(block, samples: int) -> int:  # noqa: ANN001
     """
     size = 8 * samples
     whole = 4096 // int(np.gcd(size, 4096))
-    wanted = max(_FEWEST, min(128, _RING_BYTES // size))
-    vectors = whole * -(-wanted // whole)
+    vectors = whole * -(-max(_FEWEST, min(128, _RING_BYTES // size)) // whole)
     _set_ring(block, vectors)
     return vectors
 

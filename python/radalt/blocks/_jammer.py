@@ -28,16 +28,14 @@ class JammerSource(gr.sync_block):
         *,
         total_sir_db: float | None = None,
         free_running: bool = False,
-        preamble: bool = True,
         frames: int = 0,
-        seed: int | None = None,
     ) -> None:
         gr.sync_block.__init__(self, name, None, [np.complex64])
         self.stream = JammerStream(
             scene.waveform,
             interferers,
-            programme=scene.altitude.programme if preamble else None,
-            seed=scene.seed if seed is None else int(seed),
+            programme=scene.altitude.programme,
+            seed=scene.seed,
             free_running=free_running,
             total_sir_db=total_sir_db,
         )

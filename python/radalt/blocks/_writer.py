@@ -10,6 +10,8 @@ import numpy as np
 
 __all__ = ["BoundedWriter"]
 
+_CHUNKS = 256  # length of the queue, chunks; a chunk is what one call of a block receives
+
 
 class BoundedWriter:
     """Writes complex64 chunks in a separate thread.
@@ -17,16 +19,14 @@ class BoundedWriter:
     Parameters
     ----------
     path : Path
-    chunks : int
-        Length of the queue.
     wait : bool
         Whether `offer` blocks while the queue is full (simulation) or refuses the chunk (radio).
     """
 
-    def __init__(self, path: Path, *, chunks: int = 256, wait: bool = False) -> None:
+    def __init__(self, path: Path, *, wait: bool = False) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("wb")
-        self._queue: queue.Queue[np.ndarray | None] = queue.Queue(chunks)
+        self._queue: queue.Queue[np.ndarray | None] = queue.Queue(_CHUNKS)
         self._wait = wait
         self.error: OSError | None = None
         self.highest = 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 
 import numpy as np
@@ -15,11 +14,17 @@ from ..core.receiver.altimeter import RESULT_DTYPE, Reason, Spectra, shared_alti
 from ..core.scene import Scene
 from ._frames import read_frame_tags
 from ._guard import guarded
+from ._results import Ring, json_text, result_fields
 from ._zmq import BoundSocket
 
 __all__ = ["altimeter_sink"]
 
 MESSAGE_VERSION = 1  # field ``version`` of the messages
+# Fewest altitudes among a second's frames before a line in the log: false alarms alone give one in a hundred.
+_BLIND_SHARE = 0.1
+_ROW_DTYPE = np.dtype(
+    [("result", RESULT_DTYPE), ("truth_m", float), ("first_sample", float), ("time_s", float)]
+)
 
 
 class altimeter_sink(gr.sync_block):
@@ -80,20 +85,13 @@ class altimeter_sink(gr.sync_block):
         self.altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
         self._programme = scene.altitude.programme
         self._messages = bool(messages)
-        self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)
-        self._when = np.zeros((int(capacity), 2))  # frame's first sample, time of the result
-        self._truth = np.zeros(int(capacity))
+        self._rows = Ring(int(capacity), _ROW_DTYPE)
         self._second = max(1, round(1.0 / scene.waveform.sweep_s))  # frames per second
         self._counted = self._found = 0  # frames, and altitudes among them, in the current second
         self._blind = False
-        self._count = 0
         self.active = True
         self._port = pmt.intern("result")
         self.message_port_register_out(self._port)
-        self._keys = {
-            name: pmt.intern(name) for name in (*RESULT_DTYPE.names, "truth_m", "method", "version")
-        }
-        self._method_pmt = pmt.intern(method)
         # a slow or dead subscriber loses messages, it never slows the radio
         self._socket = (
             BoundSocket("PUB", "altimeter_sink", endpoint, limit_bytes=MAX_REQUEST_BYTES)
@@ -117,20 +115,18 @@ class altimeter_sink(gr.sync_block):
 
     def _measure(self, frames: np.ndarray, tags: np.ndarray) -> np.ndarray:
         """Measure, store and publish; returns the results."""
-        untold = np.isnan(tags)
-        index = np.where(untold[:, 0], -1, tags[:, 0]).astype(np.int64)
-        offset_s = np.where(untold[:, 2], 0.0, tags[:, 2])
+        absent = np.isnan(tags)
+        index = np.where(absent[:, 0], -1, tags[:, 0]).astype(np.int64)
+        offset_s = np.where(absent[:, 2], 0.0, tags[:, 2])
         spectra = self.altimeter.spectra(frames)
         results = self.altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index)
-        at = (self._count + np.arange(len(results))) % self._store.size
-        self._store[at] = results
-        self._when[at, 0] = tags[:, 1]
-        self._when[at, 1] = time.perf_counter()
         truth = tags[:, 3]
-        if untold[:, 3].any():
-            truth = np.where(untold[:, 3], self._programme.altitude_m(index), truth)
-        self._truth[at] = truth
-        self._count += len(results)
+        if absent[:, 3].any():
+            truth = np.where(absent[:, 3], self._programme.altitude_m(index), truth)
+        rows = np.empty(len(results), dtype=_ROW_DTYPE)
+        rows["result"], rows["truth_m"] = results, truth
+        rows["first_sample"], rows["time_s"] = tags[:, 1], time.perf_counter()
+        self._rows.append(rows)
         self._watch(results)
         if self._messages or self._socket is not None:
             for result, true in zip(results, truth, strict=True):
@@ -144,9 +140,7 @@ class altimeter_sink(gr.sync_block):
         self._found += int(np.count_nonzero(results["valid"]))
         if self._counted < self._second:
             return
-        blind = (
-            self._found < 0.1 * self._counted
-        )  # false alarms alone give an altitude in one of a hundred frames
+        blind = self._found < _BLIND_SHARE * self._counted
         if blind != self._blind:
             self.logger.warn(
                 f"{self.method}: {self._found} of the last {self._counted} frames gave an altitude"
@@ -164,79 +158,48 @@ class altimeter_sink(gr.sync_block):
         """Hook for `altitude_tracker`, which uses the same spectra."""
 
     def _publish(self, result: np.void, truth_m: float) -> None:
+        head = {"version": MESSAGE_VERSION, "method": self.method}
+        message = head | result_fields(result) | {"truth_m": truth_m}
         if self._socket is not None:
-            self._socket.socket.send_string(json.dumps(self._as_mapping(result, truth_m)))
+            self._socket.socket.send_string(json_text(message))
         if self._messages:
-            self.message_port_pub(self._port, self._as_pmt(result, truth_m))
-
-    def _as_mapping(self, result: np.void, truth_m: float) -> dict[str, object]:
-        """One result for JSON; numbers that are not finite become null."""
-        fields = {name: result[name].item() for name in RESULT_DTYPE.names}
-        fields["reason"] = Reason.NAMES[int(result["reason"])]
-        fields = {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in fields.items()}
-        return {"version": MESSAGE_VERSION, "method": self.method, **fields, "truth_m": truth_m}
-
-    def _as_pmt(self, result: np.void, truth_m: float):  # noqa: ANN202 - a pmt
-        keys = self._keys
-        message = pmt.make_dict()
-        message = pmt.dict_add(message, keys["version"], pmt.from_long(MESSAGE_VERSION))
-        message = pmt.dict_add(message, keys["method"], self._method_pmt)
-        for name in RESULT_DTYPE.names:
-            value = result[name].item()
-            if name == "reason":
-                item = pmt.intern(Reason.NAMES[value])
-            elif isinstance(value, bool):
-                item = pmt.from_bool(value)
-            elif isinstance(value, int):
-                item = pmt.from_long(value)
-            else:
-                item = pmt.from_double(value)
-            message = pmt.dict_add(message, keys[name], item)
-        return pmt.dict_add(message, keys["truth_m"], pmt.from_double(truth_m))
+            self.message_port_pub(self._port, pmt.to_pmt(message))
 
     def results(self) -> np.ndarray:
         """Results in order of arrival, at most the last ``capacity``; structured array of `RESULT_DTYPE`.
 
         Its ``reason`` is a number; ``Reason.NAMES[number]`` is its name.
         """
-        if self._count <= self._store.size:
-            return self._store[: self._count].copy()
-        return np.roll(self._store, -(self._count % self._store.size))
+        return self._rows.last()["result"].copy()
 
     def truth_m(self) -> np.ndarray:
         """True altitudes in metres of `results`: by the frames' tags where set by hand, else the programme's."""
-        kept = min(self._count, self._truth.size)
-        return self._truth[np.arange(self._count - kept, self._count) % self._truth.size]
+        return self._rows.last()["truth_m"].copy()
 
     @property
     def count(self) -> int:
         """Results since the start."""
-        return self._count
+        return self._rows.count
 
     @property
     def last_index(self) -> int:
         """Frame index of the last result, -1 before the first."""
-        return int(self._store["frame_index"][(self._count - 1) % self._store.size]) if self._count else -1
+        return int(self._rows.last(1)["result"]["frame_index"][0]) if self.count else -1
 
     def results_since(self, count: int) -> tuple[int, np.ndarray]:
-        """Results after the first ``count``, unless overwritten, and the count for the next call.
-
-        For other threads: neither the reader nor the block waits.
-        """
-        now = self._count
-        # only half of the store is returned: the block may overwrite the other half meanwhile
-        first = max(0, count, now - self._store.size // 2)
-        return now, self._store[np.arange(first, now) % self._store.size]
+        """Results after the first ``count``, unless overwritten, and the count for the next call; for other threads."""
+        now, rows = self._rows.since(count)
+        return now, rows["result"]
 
     def latest(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The last ``count`` results, or fewer, and their true altitudes in metres."""
-        now, results = self.results_since(self._count - count)
-        return results, self._truth[np.arange(now - len(results), now) % self._truth.size]
+        """The last ``count`` results, or fewer, and their true altitudes in metres; for other threads."""
+        _, rows = self._rows.since(self.count - count)
+        return rows["result"], rows["truth_m"]
 
     def times(self) -> np.ndarray:
         """(n, 2) sample counter of each kept frame's first sample, and `time.perf_counter` at its result."""
-        kept = min(self._count, self._store.size)
-        return self._when[np.arange(self._count - kept, self._count) % self._store.size]
+        rows = self._rows.last()
+        return np.stack([rows["first_sample"], rows["time_s"]], axis=1)
 
     def stop(self) -> bool:
         """Close the ZMQ socket."""

@@ -9,6 +9,7 @@ from ..core.receiver.altimeter import Spectra
 from ..core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, State, Status
 from ..core.scene import Scene
 from ._guard import guarded
+from ._results import Ring
 from .altimeter_sink import altimeter_sink
 
 __all__ = ["altitude_tracker"]
@@ -61,8 +62,7 @@ class altitude_tracker(altimeter_sink):
         )
         self._received: np.ndarray | None = None
         self.tracker = AltitudeTracker(self.altimeter, scene.tracker_settings, noise=scene.has_noise)
-        self._outputs = np.zeros(max(1, int(capacity) // self.tracker.frames), dtype=OUTPUT_DTYPE)
-        self._output_count = 0
+        self._outputs = Ring(max(1, int(capacity) // self.tracker.frames), OUTPUT_DTYPE)
         self._lost = False
         self._verified = True
         self.line = "NO COMPUTED DATA (search)"  # the last output as text
@@ -109,16 +109,13 @@ class altitude_tracker(altimeter_sink):
             timing_offset_s=np.nan_to_num(tags[:, 2]),
             received=None if self._received is None else self.altimeter.spectra(self._received),
         )
-        at = (self._output_count + np.arange(len(outputs))) % self._outputs.size
-        self._outputs[at] = outputs
-        self._output_count += len(outputs)
+        self._outputs.append(outputs)
         for output in outputs:
             self._report(output)
 
     def outputs(self) -> np.ndarray:
         """Outputs in order of time, at most those of the last ``capacity`` frames; array of `OUTPUT_DTYPE`."""
-        kept = min(self._output_count, self._outputs.size)
-        return self._outputs[np.arange(self._output_count - kept, self._output_count) % self._outputs.size]
+        return self._outputs.last()
 
     def _report(self, output: np.void) -> None:
         fields = {name: output[name].item() for name in OUTPUT_DTYPE.names}

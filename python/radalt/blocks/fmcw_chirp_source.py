@@ -52,7 +52,7 @@ class fmcw_chirp_source(gr.sync_block):
         self._n = scene.waveform.samples_per_frame
         self._limit = int(frames) * self._n
         self._position = 0
-        self._told_m: float | None = None
+        self._tagged_m: float | None = None
         self.set_altitude(altitude_m)
         self._frame = self._sweeps.sweep(0)
         gather_frames(self, self._n)
@@ -96,9 +96,9 @@ class fmcw_chirp_source(gr.sync_block):
     def _tag_altitude(self, index: int, offset: int) -> None:
         """Record an altitude set by hand since the last sweep, and send it as a tag."""
         manual_m = self._manual_m
-        if manual_m != self._told_m:
+        if manual_m != self._tagged_m:
             self._sent.set(index, manual_m)
-            self._told_m = manual_m
+            self._tagged_m = manual_m
             self.add_item_tag(0, offset, SENT_KEY, sent_tag(index, manual_m))
 
     @guarded

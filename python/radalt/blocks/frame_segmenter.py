@@ -112,10 +112,10 @@ class frame_segmenter(gr.basic_block):
         self._unusable = False
         self._start_counter = 0
         self._calibrated: float | None = None
-        self._latency = float("nan")
-        self.arrivals: deque[tuple[int, float]] | None = (
-            None  # (sample counter, time) of each chunk, for measurements of latency
-        )
+        # from transmitter to receiver, fraction included, by the last frame
+        self.latency_samples = float("nan")
+        # (sample counter, time) of each chunk, for measurements of latency
+        self.arrivals: deque[tuple[int, float]] | None = None
         adc = scene.channel
         # largest value of the scene's converter; without a converter nothing saturates
         self._full_scale = adc.full_scale * (1 - 2.0 ** (1 - adc.adc_bits)) if adc.adc_bits > 1 else np.inf
@@ -149,7 +149,7 @@ class frame_segmenter(gr.basic_block):
     def _on_command(self, message) -> None:  # noqa: ANN001
         """``reacquire``: acquire the timing again at the next opportunity."""
         if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
-            self._reacquire = True
+            self.reacquire()
 
     def _on_tracked(self, message) -> None:  # noqa: ANN001
         """Learn the leakage from the frames of a tracker's output, if the ground is resolved from it."""
@@ -203,19 +203,10 @@ class frame_segmenter(gr.basic_block):
         altitude_m = _number("reference altitude", altitude_m, 0.0, 1e6)
         self.segmenter.reference_samples = float(altitude_to_delay_s(altitude_m)) * self._rate
 
-    @property
-    def latency_samples(self) -> float:
-        """Latency from transmitter to receiver in samples, fraction included, by the last frame."""
-        return self._latency
-
     def status(self) -> dict[str, object]:
         """State, lock quality and counters."""
-        own = {
-            "dropped_slow": self.dropped_slow,
-            "saturated_frames": self.saturated_frames,
-            "bad_tags": self.bad_tags,
-        }
-        return self.segmenter.status() | own
+        own = ("dropped_slow", "saturated_frames", "bad_tags")
+        return self.segmenter.status() | {name: getattr(self, name) for name in own}
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         """One sample, or none while finished frames wait."""
@@ -253,8 +244,7 @@ class frame_segmenter(gr.basic_block):
         return done
 
     def _take(self, samples: np.ndarray, lend: bool) -> None:
-        first = self.nitems_read(0)
-        at = 0
+        first, at = self.nitems_read(0), 0
         for tag in self.get_tags_in_window(0, 0, samples.size, SENT_KEY):
             self._on_sent(tag.value)
         for tag in sorted(self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY), key=lambda t: t.offset):
@@ -321,13 +311,13 @@ class frame_segmenter(gr.basic_block):
             self.saturated_frames += 1
         n = frame.samples.size
         before = frame.start_sample - frame.index * n
-        self._latency = before + frame.offset_s * self._rate
+        self.latency_samples = before + frame.offset_s * self._rate
         if self._calibrated is not None:
-            path = self._latency - self._calibrated
+            path = self.latency_samples - self._calibrated
             if not -2.0 <= path <= n / 4:
                 raise CalibrationError(
-                    f"the stored latency of {self._calibrated:g} samples does not fit the {self._latency:.2f} found; "
-                    "calibrate anew"
+                    f"the stored latency of {self._calibrated:g} samples does not fit the {self.latency_samples:.2f} "
+                    "found; calibrate anew"
                 )
             frame.offset_s = (self._calibrated - before) / self._rate
 

@@ -14,9 +14,7 @@ from ..core.scene import Scene
 
 __all__ = ["reacquire"]
 
-_MARGIN_FRAMES = (
-    64  # frames after the source's last one: the chunk in preparation, and the latency of a radio
-)
+_MARGIN_FRAMES = 64  # frames after the source's last one: the chunk in preparation, and a radio's latency
 _ARRIVE_S = 10.0  # longest time from source to segmenter, s: all rings of a flowgraph far below real time
 _LOCK_S = 3.0  # longest wait for the lock, s
 _POLL_S = 0.02  # time between checks, s: not noticeable at a button
@@ -76,14 +74,14 @@ class reacquire(gr.basic_block):
         if jammer is not None:
             jammer.set_mute(True)
         try:
-            print(f"reacquire: {self._take_timing()}", flush=True)
+            print(f"reacquire: {self._acquire()}", flush=True)
         finally:
             if top.altitude_m == 0.0:
                 top.set_altitude_m(altitude_m)
             if jammer is not None:
                 jammer.set_mute(was_muted)
 
-    def _take_timing(self) -> str:
+    def _acquire(self) -> str:
         """Wait for altitude zero, send the command, wait for the lock; returns the outcome."""
         segmenter = self._top.frame_segmenter.segmenter
         sent = [self._top.chirp_source.nitems_written(0)]

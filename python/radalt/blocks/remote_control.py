@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from ..core.radio.control import (
     parse_request,
 )
 from ..core.radio.endpoint import check_endpoint
-from ..core.receiver.altimeter import RESULT_DTYPE, Reason
 from ..core.scene import Scene, burst_db
+from ._results import json_text, result_fields
 from ._zmq import BoundSocket
 from .transmit_gate import gates_of
 
@@ -106,14 +106,15 @@ class remote_control:
             if self._replier is not None:
                 self._replier.close()
             raise
-        self._thread = threading.Thread(target=self._serve, daemon=True, name="radalt_control")
-        self._telemetry_thread = threading.Thread(
-            target=self._publish_loop, daemon=True, name="radalt_telemetry"
-        )
+        self._threads: list[threading.Thread] = []
         if telemetry or control:
-            self._thread.start()
+            self._start("control", self._serve)
         if telemetry:
-            self._telemetry_thread.start()
+            self._start("telemetry", self._publish_loop)
+
+    def _start(self, name: str, target: Callable[[], None]) -> None:
+        self._threads.append(threading.Thread(target=target, daemon=True, name=f"radalt_{name}"))
+        self._threads[-1].start()
 
     def _bind_control(self) -> BoundSocket:
         return BoundSocket(
@@ -123,9 +124,8 @@ class remote_control:
     def close(self) -> None:
         """End the threads and free the endpoints."""
         self._closing.set()
-        for thread in (self._thread, self._telemetry_thread):
-            if thread.is_alive():
-                thread.join()
+        for thread in self._threads:
+            thread.join()
         for bound in (self._publisher, self._replier):
             if bound is not None:
                 bound.close()
@@ -184,13 +184,10 @@ class remote_control:
             text = " ".join(str(error).split())[:200]
             print(f"remote_control: {where}: {type(error).__name__}: {text}", file=sys.stderr, flush=True)
 
-    def _gates(self) -> list[Any]:
-        return gates_of(self._top)
-
     def _beat(self) -> None:
         """Send the transmit gates a heartbeat."""
         silent_s = time.monotonic() - self._asked_s
-        for gate in self._gates():
+        for gate in gates_of(self._top):
             if self._keep_alive_s and silent_s > self._keep_alive_s:
                 gate.close(
                     f"transmit stopped: no request for more than {self._keep_alive_s:g} s (keep_alive_s); start again"
@@ -213,7 +210,7 @@ class remote_control:
             polls += 1
 
     def _publish(self, message: dict[str, Any]) -> None:
-        self._publisher.socket.send_string(json.dumps(_finite(message)))
+        self._publisher.socket.send_string(json_text(message))
         self.published += 1
 
     def _publish_results(self) -> None:
@@ -221,10 +218,8 @@ class remote_control:
             self._read[method], results = sink.results_since(self._read.get(method, 0))
             truth = self._truth_m(results["frame_index"])
             for result, true in zip(results, truth, strict=True):
-                fields = {name: result[name].item() for name in RESULT_DTYPE.names}
-                fields["reason"] = Reason.NAMES[int(result["reason"])]
                 head = {"type": "result", "version": CONTROL_VERSION, "method": method}
-                self._publish(head | fields | {"truth_m": float(true)})
+                self._publish(head | result_fields(result) | {"truth_m": float(true)})
 
     def _answer(self, parts: list[bytes]) -> str:
         """Reply to one message; errors go into the reply."""
@@ -252,7 +247,7 @@ class remote_control:
             return _reply(error=f"not carried out ({type(error).__name__}); the flowgraph may be ending")
 
     def _stop(self) -> str:
-        for gate in self._gates():
+        for gate in gates_of(self._top):
             gate.close("transmit stopped: by request")
         self._top.stop()
         return _reply(state=self.state() if self._running() else {})
@@ -333,23 +328,11 @@ class remote_control:
 
     def _transmit_state(self) -> str:
         """State of the transmit gates: ``none`` without gates."""
-        why = [gate.why_closed for gate in self._gates()]
+        why = [gate.why_closed for gate in gates_of(self._top)]
         return next((w for w in why if w), "on") if why else "none"
 
 
 def _reply(*, state: dict[str, Any] | None = None, error: str = "") -> str:
     """JSON of a reply: a state, or an error."""
-    if error:
-        return json.dumps({"version": CONTROL_VERSION, "ok": False, "error": error[:300]})
-    return json.dumps(_finite({"version": CONTROL_VERSION, "ok": True, "state": state}))
-
-
-def _finite(value: Any) -> Any:
-    """The value with null in place of numbers that JSON cannot hold."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    outcome = {"ok": False, "error": error[:300]} if error else {"ok": True, "state": state}
+    return json_text({"version": CONTROL_VERSION, **outcome})

@@ -72,20 +72,19 @@ class simulated_channel(gr.basic_block):
         used = min(out.size, *(len(items) for items in input_items)) // self._n * self._n
         jammer = input_items[1][:used] if len(input_items) > 1 else None
         done = 0
-        for counter, samples in (
-            self.channel.process(input_items[0][:used], jammer, out[:used]) if used else ()
-        ):
+        pieces = self.channel.process(input_items[0][:used], jammer, out[:used]) if used else ()
+        for counter, samples in pieces:
             if counter != self._expected and (self._tagged or self._expected is None):
-                self._tag_time(done, counter)
+                tag = time_tag(counter, self._rate)
+                self.add_item_tag(0, self.nitems_written(0) + done, RX_TIME_KEY, tag)
             if counter != self._first + done:  # samples were lost before these
                 out[done : done + samples.size] = samples
             done += samples.size
             self._expected = counter + samples.size
         self._first += used
         for tag in self.get_tags_in_window(0, 0, used, SENT_KEY):
-            self.add_item_tag(
-                0, self.nitems_written(0), SENT_KEY, tag.value
-            )  # the value contains its sweep index
+            # the value contains its sweep index
+            self.add_item_tag(0, self.nitems_written(0), SENT_KEY, tag.value)
         for port in range(len(input_items)):
             self.consume(port, used)
         return done
@@ -101,8 +100,3 @@ class simulated_channel(gr.basic_block):
             self.held_up_s += late_s
             self.longest_hold_up_s = max(self.longest_hold_up_s, late_s)
         time.sleep(max(0.0, -late_s))
-
-    def _tag_time(self, at: int, counter: int) -> None:
-        """``rx_time`` as UHD's (whole seconds, fraction)."""
-        value = time_tag(counter, self._rate)
-        self.add_item_tag(0, self.nitems_written(0) + at, RX_TIME_KEY, value)

@@ -15,7 +15,9 @@ __all__ = ["Programme", "SentAltitudes"]
 
 _MOST_FRAMES = 2_000_000  # longest run, frames: half an hour of 1 ms sweeps; more trials need more points
 _FRAME_BYTES = 80  # memory per frame and method, bytes: results and the altitude table
-_CHANGES = 1000  # altitudes set by hand that are kept: more than anybody sets while a frame is on its way to the score
+_CHANGES = (
+    1000  # altitudes set by hand that are kept: more than are set while a frame travels through the flowgraph
+)
 
 
 @dataclass(frozen=True)
@@ -137,9 +139,7 @@ class Programme:
         if frame_index >= trial.size or ahead.size == 0:
             return None
         first = max(0, frame_index) + int(ahead[0])
-        if (
-            first == frame_index and frame_index > 0 and not trial[frame_index - 1]
-        ):  # inside a section: return the next one
+        if first == frame_index > 0 and not trial[frame_index - 1]:  # inside a section: return the next one
             rest = np.nonzero(trial[first:])[0]
             return None if rest.size == 0 else self.next_sync(first + int(rest[0]))
         length = np.nonzero(trial[first:])[0]

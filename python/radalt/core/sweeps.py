@@ -13,7 +13,7 @@ _KEPT = 64  # cached sweeps, one per altitude: 60 KB each at the default wavefor
 
 
 class SentSweeps:
-    """What the radar transmits: one sweep per frame.
+    """Transmitted sweeps of the radar, one per frame.
 
     Up sweeps are shifted by ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
 

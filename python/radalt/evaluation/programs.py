@@ -31,18 +31,10 @@ _TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # co
 
 @dataclass(frozen=True)
 class Program:
-    """A command.
+    """A command."""
 
-    Attributes
-    ----------
-    script : str
-        Entry in ``flowgraphs/``.
-    file : Path
-        File of the module.
-    """
-
-    script: str
-    file: Path
+    script: str  # entry in ``flowgraphs/``
+    file: Path  # file of the module
 
     @property
     def module(self) -> str:
@@ -91,17 +83,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name == "env":
         print(_environment())
         return 0
-    if name in _TOOLS:
-        script = name.replace("-", "_")
-        print(
-            f"radalt: {name} is a tool of the source tree now: .venv/bin/python tools/{script}.py",
-            file=sys.stderr,
-        )
-        return 2
     if name not in programs():
         known = [*programs(), "env"]
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
+        if name in _TOOLS:
+            hint = f"it is a tool of the source tree: .venv/bin/python tools/{name.replace('-', '_')}.py"
         print(f"radalt: no command {name[:40]!r}; {hint}", file=sys.stderr)
         return 2
     try:

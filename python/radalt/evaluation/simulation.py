@@ -29,42 +29,27 @@ _AT_ONCE = 16  # frames per call, 1 MB at the default waveform; results do not d
 
 @dataclass
 class PointResult:
-    """Results of one run.
+    """Results of one run."""
 
-    Attributes
-    ----------
-    results : dict of method -> (frames,) array of RESULT_DTYPE
-    ms_per_frame : dict of method -> (frames,) CPU milliseconds of the mitigation; empty for ``none``
-    status : dict of method -> counters and state of the method
-    segmenter : dict
-        State, lock quality and counters.
-    real_time_factor : float
-        Seconds of signal per second of wall time.
-    left_out : list of str
-    outputs : dict of method -> (k,) array of OUTPUT_DTYPE
-        Outputs of the tracker; empty without one.
-    """
-
-    results: dict[str, np.ndarray]
+    results: dict[str, np.ndarray]  # by method: (frames,) of RESULT_DTYPE
+    # by method: (frames,) CPU milliseconds of the mitigation; empty for ``none``
     ms_per_frame: dict[str, np.ndarray]
-    status: dict[str, dict[str, Any]]
-    segmenter: Mapping[str, Any]
-    real_time_factor: float
-    left_out: list[str] = field(default_factory=list)
+    status: dict[str, dict[str, Any]]  # by method: counters and state of the method
+    segmenter: Mapping[str, Any]  # state, lock quality and counters
+    real_time_factor: float  # seconds of signal per second of wall time
+    # by method: outputs of the tracker; empty without one
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def received(
-    scene: Scene, frames: int, at_once: int = _AT_ONCE, *, radar_sends: bool = True
-) -> Iterator[tuple[int, np.ndarray]]:
+def received(scene: Scene, frames: int, *, radar_sends: bool = True) -> Iterator[tuple[int, np.ndarray]]:
     """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps.
 
     A jump of the counter is a gap; the arrays are never overwritten. Without ``radar_sends`` the radar sends zeros.
     """
     sweeps, channel = sweeps_of(scene), channel_of(scene)
     jammer = jammer_of(scene) if scene.has_jammer else None
-    for first in range(0, frames, at_once):
-        count = min(at_once, frames - first)
+    for first in range(0, frames, _AT_ONCE):
+        count = min(_AT_ONCE, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
         if not radar_sends:
             radar[:] = 0
@@ -126,10 +111,8 @@ class _Path:
 
     def results(self) -> np.ndarray:
         """Results of all frames so far."""
-        return np.concatenate(self._results) if self._results else self._altimeter.process(self._none())
-
-    def _none(self) -> np.ndarray:
-        return np.empty((0, self._altimeter.waveform.samples_per_frame), dtype=np.complex64)
+        none = np.empty((0, self._altimeter.waveform.samples_per_frame), dtype=np.complex64)
+        return np.concatenate(self._results) if self._results else self._altimeter.process(none)
 
     def milliseconds(self) -> np.ndarray:
         """CPU time of the method per frame."""

@@ -30,35 +30,17 @@ _RAMP = 60_000
 
 @dataclass(frozen=True)
 class Transmitter:
-    """One transmitter.
-
-    Attributes
-    ----------
-    title : str
-    rate_hz : float
-        Rate of the samples from `transmit`.
-    chain : callable
-        ``(seed) -> [blocks]``, from a source to a block with complex output.
-    made_at_hz : Fraction or None
-        Rate of the chain's output, if it differs.
-    """
+    """One transmitter."""
 
     title: str
-    rate_hz: float
+    rate_hz: float  # rate of the samples from `transmit`
+    # ``(seed) -> [blocks]``, from a source to a block with complex output
     chain: Callable[[int], list[gr.basic_block]]
-    made_at_hz: Fraction | None = None
+    made_at_hz: Fraction | None = None  # rate of the chain's output, if it differs
 
 
 def transmit(name: str, seconds: float, seed: int) -> np.ndarray:
-    """(n,) complex128 of ``seconds`` of a transmitter of `TRANSMITTERS` at its rate, mean power 1.
-
-    Raises
-    ------
-    KeyError
-        If there is no transmitter ``name``.
-    TimeoutError
-        If the flowgraph takes longer than five minutes.
-    """
+    """(n,) complex128 of ``seconds`` of a transmitter of `TRANSMITTERS` at its rate, mean power 1."""
     from gnuradio import blocks, gr
 
     from .flowgraph.watch import run_to_end

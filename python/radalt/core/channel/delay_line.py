@@ -10,15 +10,13 @@ from ..fir import kaiser_window
 __all__ = ["HALF_TAPS", "MOST_BLOCKS", "STEPS", "DelayLine"]
 
 HALF_TAPS = 64  # half length of the interpolation kernel, samples: flat to 97 % of the band
-STEPS = (
-    256  # resolution of a drifting delay, steps per sample: an error of at most 4 cm of altitude at 7.5 MS/s
-)
+# Resolution of a drifting delay, steps per sample: an error of at most 4 cm of altitude at 7.5 MS/s.
+STEPS = 256
 _FINE_STEPS = 16 * STEPS  # resolution of a fixed delay, steps per sample: an error of at most 2.4 mm
 _TAIL = 2 * HALF_TAPS  # kernel length less one, samples
 MOST_BLOCKS = 8  # largest number of blocks per push: beyond it the overhead of a call is negligible
-_SPARE_BLOCKS = (
-    16  # blocks stored before the history is copied back to the start: a copy per 16 frames costs nothing
-)
+# Blocks stored before the history is copied back to the start: a copy per 16 frames costs nothing.
+_SPARE_BLOCKS = 16
 _KEPT = 4  # cached delays of a repeating stream: return, leakage and gear are three
 # FFT length, samples: 2048 points stay in the first-level cache, at half the time of one FFT per frame
 _TRANSFORM = 2048

@@ -6,172 +6,16 @@ a run is a function of its seed, bit for bit. Every impairment is off by default
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from ..interference.multipath import FadingChannel
 from ..programme import Programme
-from ..returns.landing import LandingSpec
+from ..returns.landing import TerrainPlayer
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
 from .delay_line import HALF_TAPS, MOST_BLOCKS, STEPS, DelayLine
 from .noise import ReceiverNoise
+from .settings import ChannelSettings
 
-__all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
-
-
-_MOST_DELAY = 1e6  # longest delay, samples: 8 MB of delay line
-_MOST_LEAKAGE_M = (
-    100.0  # longest path of leakage or gear, metres of altitude: longer than any aircraft's installation
-)
-
-
-@dataclass(frozen=True)
-class DropSettings:
-    """Samples lost between the radio and the host.
-
-    Parameters
-    ----------
-    count : int
-        Number of gaps in the run, spread at random; 0 for none.
-    min_samples, max_samples : int
-        Length of a gap, drawn uniformly.
-    tagged : bool
-        Mark the first sample after a gap with ``rx_time``, as UHD does.
-    """
-
-    count: int = 0
-    min_samples: int = 100
-    max_samples: int = 5000
-    tagged: bool = True
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.count <= 100_000 or not 1 <= self.min_samples <= self.max_samples <= 10**9:
-            raise ValueError(
-                f"drops: count {self.count} has to be 0 or above, at most 100000, and 1 <= min_samples "
-                f"{self.min_samples} <= max_samples {self.max_samples} <= 1e9"
-            )
-
-
-@dataclass(frozen=True)
-class ChannelSettings:
-    """Impairments of the simulated channel, each off by default.
-
-    Parameters
-    ----------
-    snr_db : float or None
-        Signal-to-noise ratio of the return over the whole complex band, before dechirping; None for no noise.
-    start_offset_samples : float or None
-        Hardware latency between transmitter and receiver, fraction included; None draws it from the seed.
-    gain_db : float
-        Gain of return and interference together.
-    jammer_delay_samples : float
-        Extra delay of the jammer against the radar.
-    jammer_clock_ppm, jammer_lo_offset_hz : float
-        The jammer runs from its own clock and LO.
-    dc_offset : float
-        Amplitude of the receiver's DC offset, relative to the return.
-    iq_gain_db, iq_phase_deg : float
-        IQ imbalance of the receiver.
-    adc_bits : int
-        Converter resolution (B210: 12); 0 for none.
-    full_scale : float
-        Amplitude per rail at which the converter clips, relative to the return.
-    leakage_db : float or None
-        Power of the direct transmitter leakage, relative to the return; only with true delays. Outside the trials
-        (preamble, synchronisation) there is no return, as with terminated antennas.
-    leakage_m : float
-        Path of the leakage, in metres of altitude.
-    gear_db : float or None
-        Power of a second static echo, such as the landing gear's, relative to the return; with ``leakage_db`` only.
-    gear_m : float
-        Distance of the gear below the antennas.
-    drops : DropSettings
-        Lost samples.
-    return_multipath : FadingChannel or None
-        Tapped delay line of the return; its gains are constant within a frame (Doppler below 500 Hz for 1 ms frames).
-    """
-
-    snr_db: float | None = 10.0
-    start_offset_samples: float | None = None
-    gain_db: float = 0.0
-    jammer_delay_samples: float = 0.0
-    jammer_clock_ppm: float = 0.0
-    jammer_lo_offset_hz: float = 0.0
-    dc_offset: float = 0.0
-    iq_gain_db: float = 0.0
-    iq_phase_deg: float = 0.0
-    adc_bits: int = 0
-    full_scale: float = 4.0
-    leakage_db: float | None = None
-    leakage_m: float = 0.0
-    gear_db: float | None = None
-    gear_m: float = 4.5
-    drops: DropSettings = DropSettings()
-    return_multipath: FadingChannel | None = None
-
-    def __post_init__(self) -> None:
-        if self.adc_bits and not 1 <= self.adc_bits <= 16:
-            raise ValueError(f"channel.adc_bits is {self.adc_bits}; 0 for none, else 1..16")
-        if not 1e-6 <= self.full_scale <= 1e6:
-            raise ValueError(f"channel.full_scale is {self.full_scale:g}; it has to be within 1e-6..1e6")
-        if not abs(self.dc_offset) <= 1e6:
-            raise ValueError(f"channel.dc_offset is {self.dc_offset:g}; it has to be within -1e6..1e6")
-        if self.start_offset_samples is not None and not 0 <= self.start_offset_samples <= _MOST_DELAY:
-            raise ValueError(
-                f"channel.start_offset_samples is {self.start_offset_samples:g}; it has to be within 0..{_MOST_DELAY:g}"
-            )
-        for name in ("leakage_m", "gear_m"):
-            if not 0 <= getattr(self, name) <= _MOST_LEAKAGE_M:
-                raise ValueError(
-                    f"channel.{name} is {getattr(self, name):g}; it has to be within 0..{_MOST_LEAKAGE_M:g}"
-                )
-        if self.gear_db is not None and self.leakage_db is None:
-            raise ValueError(
-                f"channel.gear_db {self.gear_db:g} needs channel.leakage_db, on which timing is taken"
-            )
-        if abs(self.jammer_clock_ppm) > 100:
-            raise ValueError(f"channel.jammer_clock_ppm is {self.jammer_clock_ppm:g}; within -100..100")
-        if not 0 <= self.jammer_delay_samples <= _MOST_DELAY:
-            raise ValueError(
-                f"channel.jammer_delay_samples is {self.jammer_delay_samples:g}; it has to be within 0..{_MOST_DELAY:g}"
-            )
-
-
-class TerrainPlayer:
-    """Terrain return by frame index, in place of a point return.
-
-    Parameters
-    ----------
-    landing : LandingSpec
-    programme : Programme
-        Programme whose altitudes are those of the landing, one per frame.
-    waveform, seed
-        Those of the scene.
-
-    Raises
-    ------
-    ValueError
-        If the altitudes are not those of the landing.
-    """
-
-    def __init__(self, landing: LandingSpec, programme: Programme, waveform: Waveform, seed: int) -> None:
-        self._programme = programme
-        self._profile = landing.profile(waveform, len(programme.altitudes_m), seed)
-        apart = np.max(np.abs(np.maximum(self._profile.altitude_m, 0.0) - programme.altitudes_m))
-        if apart > 0.5:
-            raise ValueError(
-                f"return: terrain plays the landing, but altitude.programme_m is up to {apart:.1f} m off it; leave "
-                "programme_m out"
-            )
-        index = np.arange(programme.total_frames)
-        self._trial = np.cumsum(programme.is_trial(index)) - 1
-
-    def echo(self, frame_index: int, transmitted: np.ndarray) -> np.ndarray:
-        """(N,) return of sweep ``frame_index``; outside the trials the sweep itself, at altitude zero."""
-        if not self._programme.is_trial(frame_index):
-            return transmitted
-        return self._profile.frame(int(self._trial[frame_index]))
+__all__ = ["SimulatedChannel"]
 
 
 class SimulatedChannel:
@@ -333,17 +177,14 @@ class SimulatedChannel:
         """The radar's own signal at the receiver: (count, N), or (N,) where it is made frame by frame."""
         if self.true_delay is None:
             return self._paths(self.latency_samples, count)
-        n, w = self._n, self.waveform
+        n = self._n
         # the altitude belongs to the frame at the receiver: the latency shifts frame boundaries inside this block
         boundary = int(np.ceil(self.latency_samples)) % n
         index = self._block - int(np.ceil(self.latency_samples)) // n
-        before = self._delayed(index - 1)[:boundary]
-        after = self._delayed(index)[boundary:]
-        return (
-            np.concatenate([before, after])
-            if boundary
-            else self._delayed(index)[:n] * w.reference.dtype.type(1)
-        )
+        if not boundary:
+            return self._delayed(index)
+        before, after = self._delayed(index - 1)[:boundary], self._delayed(index)[boundary:]
+        return np.concatenate([before, after])
 
     def _paths(self, delay_samples: float, count: int = 1) -> np.ndarray:
         """(count, N) delayed transmitted stream, through the return's multipath if there is any."""

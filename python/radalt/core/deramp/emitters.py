@@ -1,7 +1,7 @@
-"""Emitters as a deramping altimeter hears them: mixed with its sweep and filtered, at the IF rate.
+"""Emitters as a deramping altimeter receives them: mixed with its sweep and filtered, at the IF rate.
 
 Each has mean power 1 at the antenna port while it transmits, and is a function of time: frame ``i`` begins at
-``i * sweep_s``, and the same instant gives the same sample in whatever frame it is asked for. All phases are float64.
+``i * sweep_s``, and an instant has the same sample in every frame that contains it. All phases are float64.
 
 Frequencies ``offset_hz`` are relative to the centre of the sweep.
 """
@@ -21,7 +21,7 @@ from .if_waveform import SIMULATION_FACTOR, IfWaveform
 
 __all__ = ["Emitter", "Ofdm", "OtherAltimeter", "Pulses", "Qpsk", "Tone", "interference_if"]
 
-_PULSE_OVERSAMPLING = 16  # rate that pulses are made at, over the simulation rate
+_PULSE_OVERSAMPLING = 16  # rate at which pulses are computed, over the simulation rate
 _ROLL_OFF = 0.25  # of QPSK's root-raised-cosine pulse
 _SPAN = 12  # symbols to either side at which that pulse is cut: its tail is 50 dB down
 
@@ -50,10 +50,9 @@ def _crossing(
     frequency_hz: np.ndarray | float,
     cycles: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """A wave of slowly varying frequency, made only where its beat lies within reach of the simulated band.
+    """A wave of slowly varying frequency, computed only where its beat lies within reach of the simulated band.
 
-    What is farther away than the simulation rate less the IF's stop band folds beside the IF at most; the gate falls
-    to zero before.
+    Beats beyond the simulation rate less the IF's stop band alias outside the IF; the gate falls to zero before.
     """
     beat = frequency_hz - waveform.frequency_hz(time_s)
     inner = 0.5 * waveform.simulation_hz
@@ -86,9 +85,9 @@ class Tone:
 
 @dataclass(frozen=True)
 class OtherAltimeter:
-    """Another FMCW altimeter, of equal or other slope: the sweep of a `Waveform` of its own, begun ``delay_s`` later.
+    """Another FMCW altimeter, of equal or different slope, whose sweep begins ``delay_s`` later.
 
-    An equal sweep that is locked shows as a target at ``c delay_s / 2``; one whose period differs by 10 ppm wanders.
+    An equal sweep that is locked appears as a target at ``c delay_s / 2``; one whose period differs by 10 ppm drifts.
     """
 
     sweep: Waveform
@@ -109,21 +108,21 @@ class OtherAltimeter:
 
 @dataclass(frozen=True)
 class Ofdm:
-    """CP-OFDM with QPSK on every subcarrier but none at DC left out: the numerology of NR without its control signals.
+    """CP-OFDM with QPSK on every subcarrier, DC included: the numerology of NR without its control signals.
 
-    Per symbol only the subcarriers near the sweep are made, by one small inverse transform.
+    Per symbol only the subcarriers near the sweep are computed, by one small inverse FFT.
 
     Parameters
     ----------
     offset_hz : float
-        Of subcarrier 0, the middle.
+        Frequency of subcarrier 0, the middle one.
     subcarriers : int
         624 of 15 kHz are the 52 resource blocks of a 10 MHz NR carrier.
     spacing_hz : float
     prefix : float
         Cyclic prefix over the useful part; 72/1024 is NR's normal prefix, 4.69 us at 15 kHz.
     seed : int
-        Data of symbol ``s`` follow from (seed, s).
+        The data of symbol ``s`` are drawn from (seed, s).
     """
 
     offset_hz: float = 0.0
@@ -144,7 +143,7 @@ class Ofdm:
         return exp_cycles(quarters / 4 + 0.125, np.complex128) / np.sqrt(self.subcarriers)
 
     def check(self, waveform: IfWaveform) -> int:
-        """Size of the small transform; raises ValueError where a sweep is too fast or the rates do not fit."""
+        """Size of the small FFT; raises ValueError where a sweep is too fast or the rates do not fit."""
         size = waveform.simulation_hz / self.spacing_hz
         if abs(size - round(size)) > 1e-6:
             raise ValueError(
@@ -265,7 +264,7 @@ def _runs(mask: np.ndarray) -> list[slice]:
 
 @dataclass(frozen=True)
 class Pulses:
-    """A pulsed radar: peak power 1, raised-cosine edges; made at a higher rate where a pulse comes near the sweep.
+    """A pulsed radar: peak power 1, raised-cosine edges; computed at a higher rate where a pulse is near the sweep.
 
     Parameters
     ----------
@@ -305,7 +304,8 @@ class Pulses:
         """One pulse on the simulated grid, by a low-pass from the finer one."""
         fine, rate = _PULSE_OVERSAMPLING, waveform.simulation_hz
         out = np.zeros(t.size, dtype=np.complex64)
-        taps = _decimating(waveform)
+        # what folds stays beside the IF
+        taps = kaiser_lowpass(waveform.stop_hz, rate - waveform.stop_hz, fine * rate)
         side = taps.size // 2
         first = int(np.floor((centre_s - reach_s - t[0]) * rate)) - side // fine - 1
         last = int(np.ceil((centre_s + reach_s - t[0]) * rate)) + side // fine + 2
@@ -317,9 +317,3 @@ class Pulses:
         wave = self.envelope(u) * exp_cycles(cycles, np.complex128)
         out[first:last] = np.convolve(wave, taps, mode="valid")[::fine]
         return out
-
-
-def _decimating(waveform: IfWaveform) -> np.ndarray:
-    """Taps from the pulses' rate to the simulation rate: what folds stays beside the IF."""
-    rate = waveform.simulation_hz
-    return kaiser_lowpass(waveform.stop_hz, rate - waveform.stop_hz, _PULSE_OVERSAMPLING * rate)

@@ -20,12 +20,12 @@ _NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6
 
 @dataclass(frozen=True)
 class EnvelopeGain:
-    """What a strong signal does.
+    """Gains of an amplifier beside a strong signal.
 
     Attributes
     ----------
     own : float
-        Gain of its own amplitude (what correlates with it).
+        Gain of the strong signal's amplitude (of the part that correlates with it).
     weak : float
         Mean gain of a weak signal's amplitude beside it.
     modulation : float
@@ -68,7 +68,7 @@ class Amplifier:
 
     @property
     def _rest(self) -> float:
-        """``(A / b)^2s`` at P1dB: what of 1 dB the cubic term leaves to saturation."""
+        """``(A / b)^2s`` at P1dB: the part of 1 dB that the cubic term leaves to saturation."""
         return 10 ** (_SHARPNESS / 10) - 1 - 2 * _SHARPNESS * 10 ** ((self.p1db_dbm - self.iip3_dbm) / 10)
 
     @cached_property

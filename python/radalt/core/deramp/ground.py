@@ -1,6 +1,6 @@
-"""Diffuse ground as a deramping altimeter sees it: facets by one inverse transform per half sweep.
+"""Diffuse ground as a deramping altimeter receives it: facets by one inverse FFT per half sweep.
 
-Cells of a metre need facets closer than any grid of terrain: rings of equal area about nadir, drawn anew.
+Cells of a metre need facets closer than any grid of terrain: rings of equal area about nadir, drawn per sweep.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from ..waveform import C_M_PER_S, Waveform, altitude_to_delay_s, exp_cycles
 
 __all__ = ["DiffuseGround", "facet_frame"]
 
-_GRID = 4  # beats are rounded to this part of a resolution cell: a facet's phase is off by an eighth of a cycle at most
-_FACETS = 4000  # 8 in the first metre at 5,000 ft
+_GRID = 4  # beat grid, steps per resolution cell: a facet's phase error is an eighth of a cycle at most
+_EDGE_DEG = (
+    50.0  # off-nadir angle up to which there are facets: a beam of 40 degrees is 37 dB down there, two-way
+)
+_FACETS = 4000  # number of facets: 8 in the first metre of range at 5,000 ft
 
 
 @dataclass(frozen=True)
 class DiffuseGround:
-    """Level ground that scatters without a specular part; every sweep draws its speckle anew.
+    """Level ground that scatters without a specular part, with independent speckle per sweep.
 
     Parameters
     ----------
     antenna : Antenna
     ground : Reflectivity
-    edge_deg : float
-        Off-nadir angle up to which there are facets.
     forward_m_per_s : float
         Horizontal speed: the Doppler of facets ahead and behind.
     """
 
     antenna: Antenna
     ground: Reflectivity
-    edge_deg: float = 50.0
     forward_m_per_s: float = 0.0
 
     def frame(
         self, waveform: Waveform, height_m: float, power_mw: float, rng: np.random.Generator
     ) -> np.ndarray:
         """(N,) complex64 IF frame of mean power ``power_mw``."""
-        edge = height_m * np.tan(np.radians(self.edge_deg))
+        edge = height_m * np.tan(np.radians(_EDGE_DEG))
         off = edge * np.sqrt((np.arange(_FACETS) + rng.random(_FACETS)) / _FACETS)  # equal areas
         azimuth = 2 * np.pi * rng.random(_FACETS)
         theta = np.arctan2(off, height_m)
@@ -76,7 +76,7 @@ def facet_frame(
     blind = int(np.ceil(delay.min() * w.rate_hz)) + 2
     for k, slope in enumerate(w.half_slopes):
         beat = -slope * w.slope_hz_per_s * delay - doppler
-        # phase at the half's beginning: of the carrier, of the ramp, and what Doppler adds until the frame's middle
+        # phase at the half's beginning: carrier, ramp, and Doppler up to the frame's middle
         start = np.mod(-w.carrier_hz * delay, 1.0) + slope * 0.5 * w.slope_hz_per_s * delay**2
         start = start + slope * 0.5 * w.bandwidth_hz * delay + (0.0 if k else doppler * w.half_sweep_s)
         bins = np.rint(beat * size / w.rate_hz).astype(int)

@@ -2,9 +2,9 @@
 
     y(t) = IF filter of rx(t) conj(LO(t)),  |LO| = 1
 
-The sweep crosses an emitter's spectrum far faster than the IF is wide, so hardly any of what an antenna receives is
-ever in the IF. Emitters are therefore made at a *simulation rate* of a few IF bandwidths, and there only where their
-beat comes near (`emitters.py`); returns and noise are made at the IF rate itself.
+The sweep crosses an emitter's spectrum far faster than the IF is wide, so the IF holds a small part of what an antenna
+receives. Emitters are therefore computed at a *simulation rate* of a few IF bandwidths, and only where their beat is
+near the IF (`emitters.py`); returns and noise are computed at the IF rate itself.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ SIMULATION_FACTOR = 5
 
 @dataclass(frozen=True)
 class IfWaveform(Waveform):
-    """A sweep whose frames come mixed with it: ``rate_hz`` is the IF's, and ``reference`` is all ones.
+    """A sweep whose frames are dechirped by the receiver: ``rate_hz`` is the IF's, and ``reference`` is all ones.
 
-    `Altimeter` and `AltitudeTracker` take it as any other waveform, and so do methods of mitigation that work on what
-    the receiver samples. Phases and frequencies are those of the sweep on the air.
+    `Altimeter`, `AltitudeTracker` and methods of mitigation take it like any other waveform. Phases and frequencies are
+    those of the sweep on the air.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ class IfWaveform(Waveform):
 
     @cached_property
     def reference(self) -> np.ndarray:
-        """(N,) complex64 ones, read-only: the mixing is done."""
+        """(N,) complex64 ones, read-only: frames are dechirped already."""
         table = np.ones(self.samples_per_frame, dtype=np.complex64)
         table.setflags(write=False)
         return table
 
     @property
     def simulation_hz(self) -> float:
-        """Rate at which emitters are made."""
+        """Rate at which emitters are computed."""
         return SIMULATION_FACTOR * self.rate_hz
 
     @property

@@ -2,9 +2,9 @@
 
 A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, standing, source]``; the standing is
 
-- ``read in source``: we read the number in the source that is named;
-- ``secondary``: somebody we read quotes that source;
-- ``assumed``: ours, and the source says why.
+- ``read in source``: the number was read in the source that is named;
+- ``secondary``: another document quotes that source;
+- ``assumed``: an assumption of this project, and the source says why.
 """
 
 from __future__ import annotations
@@ -91,14 +91,14 @@ class Profile:
     transmit_w, gain_dbi, beamwidth_deg, cable_db : float
         Power; gain and -3 dB width of each antenna (Gaussian pattern); loss of each cable.
     installation_delay_ft : float
-        What the altimeter would read on the ground, and subtracts.
+        Altitude of the installation's own delay, which the altimeter subtracts.
     noise_figure_db, if_rate_hz, if_pass_hz : float
-        Of the receiver; rate of the IF samples, and flat part of the IF filter: the channel filter.
+        Receiver noise figure; rate of the IF samples; flat part of the IF filter, which is the channel filter.
     preselector_hz, preselector_order : float
         3 dB width about the carrier and order (Butterworth) of the filter before the amplifier.
     p1db_dbm, iip3_dbm, isolation_db : float
-        `Amplifier`; from the transmitter's output to the port. The steady leakage is taken to be removed by the IF's
-        high-pass; what a strong envelope modulates onto it is not.
+        `Amplifier`; isolation from the transmitter's output to the port. The IF's high-pass removes the static leakage,
+        but not its modulation by a strong envelope.
     lo_noise_dbc_per_hz : float
         Broadband phase noise of the transmitter, which is the local oscillator: it mixes whatever is within the sweep's
         band into the IF.
@@ -164,7 +164,7 @@ class Profile:
                 f"if_pass_hz is {self.if_pass_hz:g}; the beat of max_altitude_ft and the installation delay is "
                 f"{beat_hz:.4g} Hz: raise it or lower max_altitude_ft"
             )
-        _ = self.amplifier  # says what does not fit
+        _ = self.amplifier  # raises where its numbers do not fit
 
     @cached_property
     def waveform(self) -> IfWaveform:
@@ -207,7 +207,7 @@ class Profile:
         return reflectivity(level_db=self.sigma0_db - 10 * np.log10(nadir))
 
     def loop_loss_db(self, altitude_ft: float) -> float:
-        """From transmitter to port over diffuse ground; cables included."""
+        """Loss from transmitter to port over diffuse ground, cables included."""
         return diffuse_loop_loss_db(
             altitude_ft * foot,
             antenna=self.antenna,
@@ -217,7 +217,7 @@ class Profile:
         )
 
     def flux_dbw_per_m2_mhz(self, density_dbm_per_mhz: float) -> float:
-        """Power flux density in the sweep's band that makes a density at the port, from the antenna's boresight."""
+        """Power flux density in the sweep's band, from boresight, that gives a power density at the port."""
         unit = port_density_dbm_per_mhz(
             0.0, frequency_hz=self.carrier_hz, gain_dbi=self.gain_dbi, cable_db=self.cable_db
         )
@@ -237,7 +237,7 @@ class Profile:
 
     @property
     def noise_bandwidth_hz(self) -> float:
-        """Of the preselector: the integral of its Butterworth response."""
+        """Noise bandwidth of the preselector: the integral of its Butterworth response."""
         x = np.pi / (2 * self.preselector_order)
         return self.preselector_hz * x / np.sin(x)
 
@@ -275,7 +275,7 @@ class Profile:
 
 
 class _Tracked:
-    """The bench's own tracker, begun anew with every call."""
+    """The bench's own tracker, reset with every call."""
 
     def __init__(self, altimeter: Altimeter, settings: TrackerSettings) -> None:
         self._altimeter, self._settings = altimeter, settings

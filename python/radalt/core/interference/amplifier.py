@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from ..parsing import check_range
 from .emitters import NamedEmitter
 from .placement import Emitter
-from .receiver_filter import check_count, check_receiver, decimate_window, random_window, window_guard
+from .receiver_filter import decimate_window, random_window, window_guard
 
 __all__ = ["AmplifiedEmitter", "Amplifier"]
 
-_OVERSAMPLING = (
-    4  # rate of the amplifier over the radar's: products up to the seventh order alias outside the carrier
-)
+# Rate of the amplifier over the radar's: products up to the seventh order alias outside the carrier.
+_OVERSAMPLING = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +38,7 @@ class Amplifier:
     smoothness: float = 2.0
 
     def __post_init__(self) -> None:
-        if not -10.0 <= self.backoff_db <= 60.0:
-            raise ValueError(f"amplifier.backoff_db is {self.backoff_db!r}; it has to be within -10..60")
-        if not 0.3 <= self.smoothness <= 100.0:
-            raise ValueError(f"amplifier.smoothness is {self.smoothness!r}; it has to be within 0.3..100")
+        check_range("amplifier", self, backoff_db=(-10.0, 60.0), smoothness=(0.3, 100.0))
 
     def amplify(self, samples: np.ndarray, mean_power: float = 1.0) -> np.ndarray:
         """(n,) complex samples, of mean power ``mean_power``, through the amplifier, small-signal gain 1."""
@@ -70,11 +67,9 @@ class AmplifiedEmitter(NamedEmitter):
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 at `rate_hz`; see `Emitter`. Mean power is below 1 where the amplifier saturates."""
-        count = check_count(count)
         if hasattr(self.emitter, "period"):
             signal, residual_hz = self.emitter.period(rate_hz, self.amplifier)
             return random_window(signal, residual_hz / rate_hz, count, rng)
-        bandwidth_hz = check_receiver(rate_hz, getattr(self.emitter, "receiver_bandwidth_hz", None))
-        longer = _OVERSAMPLING * (count + 2 * window_guard(rate_hz, _OVERSAMPLING, bandwidth_hz))
+        longer = _OVERSAMPLING * (count + 2 * window_guard(rate_hz, _OVERSAMPLING))
         sent = self.emitter.samples(longer, _OVERSAMPLING * rate_hz, rng)
-        return decimate_window(self.amplifier.amplify(sent), rate_hz, _OVERSAMPLING, bandwidth_hz)
+        return decimate_window(self.amplifier.amplify(sent), rate_hz, _OVERSAMPLING)

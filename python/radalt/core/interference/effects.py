@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from ..parsing import build, plain
+from ..parsing import build, check_range, plain
 from ..waveform import exp_cycles
 from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
@@ -33,12 +33,12 @@ __all__ = [
     "parts",
 ]
 
-# guard on either side of a block, samples, for the tails of fractional delays; the outer half is tapered
+# Guard on either side of a block, samples, for the tails of fractional delays; the outer half is tapered.
 _GUARD = 128
 _TAPER = np.hanning(_GUARD + 2)[1 : _GUARD // 2 + 1]
 _BLOCK = 1 << 14  # longest block of the filter, samples: its FFTs stay in the second-level cache
 _INTERPOLATION = 3e-4  # largest amplitude error of the interpolation in time: -70 dB, below every EVM
-# step at which phase noise is drawn, times 2 pi bandwidth, rad: between steps the rms is 1 % too low
+# Step at which phase noise is drawn, times 2 pi bandwidth, rad: between steps the rms is 1 % too low.
 _STEP_RAD = 0.06
 WINDOW_FRAMES = 40  # window of an emitter without a period, frames: 2.4 MB
 
@@ -61,10 +61,7 @@ class PhaseNoise:
     bandwidth_hz: float = 10e3
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.rms_deg <= 60.0:
-            raise ValueError(f"phase_noise.rms_deg is {self.rms_deg!r}; it has to be within 0..60")
-        if not 1.0 <= self.bandwidth_hz <= 1e6:
-            raise ValueError(f"phase_noise.bandwidth_hz is {self.bandwidth_hz!r}; it has to be within 1..1e6")
+        check_range("phase_noise", self, rms_deg=(0.0, 60.0), bandwidth_hz=(1.0, 1e6))
 
     def cycles(self, count: int, rate_hz: float, last: float | None, rng: np.random.Generator) -> np.ndarray:
         """(count + 1,) phases in cycles from ``last`` on (None: drawn); the last one begins the next block."""
@@ -96,12 +93,7 @@ class Oscillator:
     clock_ppm: float = 0.0
 
     def __post_init__(self) -> None:
-        if not abs(self.carrier_offset_hz) <= 1e5:
-            raise ValueError(
-                f"oscillator.carrier_offset_hz is {self.carrier_offset_hz!r}; it has to be within -1e5..1e5"
-            )
-        if not abs(self.clock_ppm) <= 100.0:
-            raise ValueError(f"oscillator.clock_ppm is {self.clock_ppm!r}; it has to be within -100..100")
+        check_range("oscillator", self, carrier_offset_hz=(-1e5, 1e5), clock_ppm=(-100.0, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,17 +121,17 @@ class Impairments:
     @property
     def words(self) -> tuple[str, ...]:
         """Names of the impairments, for headings."""
-        said = []
+        names = []
         if self.amplifier is not None:
-            said.append(f"amplifier {self.amplifier.backoff_db:g} dB backed off")
+            names.append(f"amplifier {self.amplifier.backoff_db:g} dB backed off")
         if self.fading is not None:
-            said.append(f"fading {self.fading.profile}, {self.fading.doppler_hz:g} Hz")
+            names.append(f"fading {self.fading.profile}, {self.fading.doppler_hz:g} Hz")
         if self.oscillator is not None:
             offset = self.oscillator
-            said.append(f"{offset.carrier_offset_hz:g} Hz and {offset.clock_ppm:g} ppm off")
+            names.append(f"{offset.carrier_offset_hz:g} Hz and {offset.clock_ppm:g} ppm off")
         if self.phase_noise is not None:
-            said.append(f"phase noise {self.phase_noise.rms_deg:g} degrees")
-        return tuple(said)
+            names.append(f"phase noise {self.phase_noise.rms_deg:g} degrees")
+        return tuple(names)
 
 
 KEYS = tuple(field.name for field in dataclasses.fields(Impairments))
@@ -239,10 +231,10 @@ class Running:
         rest = before, whole - at, moving.span(self._first, whole)[2]
         part = self._sent(start, before + count + after, rest, rate_hz, rng)
         part = moving.apply(part, first, count) if moving.moves else part.copy()
-        turn = self._cycles(first, count, rate_hz, rng)
-        if turn is not None:
+        phase = self._cycles(first, count, rate_hz, rng)
+        if phase is not None:
             # after reduction to one cycle, single precision has a phase error of 1e-7, at a fifth of the time
-            part *= exp_cycles((turn - np.rint(turn)).astype(np.float32))
+            part *= exp_cycles((phase - np.rint(phase)).astype(np.float32))
         return part
 
     def _cycles(self, first: int, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray | None:
@@ -291,8 +283,8 @@ class Running:
             self._window = source.samples(count, rate_hz, rng)
             power = np.vdot(self._window, self._window).real / count
             self._window = self._window / np.sqrt(power) if power > 0 else self._window
-        elif turn := (getattr(source, "carrier_hz", 0.0) * period_s) % 1.0:
-            self._window = self._window * np.exp(2j * np.pi * turn)
+        elif cycles := (getattr(source, "carrier_hz", 0.0) * period_s) % 1.0:
+            self._window = self._window * np.exp(2j * np.pi * cycles)
         return self._window
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.fft import next_fast_len
 
-from ..parsing import build
+from ..parsing import LARGEST, build, check_range
 from ..waveform import exp_cycles, sum_of_waves
 from .emitters import NamedEmitter
 from .placement import Emitter
@@ -135,12 +135,7 @@ class FadingChannel:
             raise ValueError(
                 f"fading.profile {self.profile!r} is unknown; choose one of {', '.join(PROFILES)}"
             )
-        if not 0.0 <= self.delay_spread_s <= 1e-5:
-            raise ValueError(
-                f"fading.delay_spread_s is {self.delay_spread_s!r}; it has to be within 0..1e-5 (seconds)"
-            )
-        if not 0.0 <= self.doppler_hz < np.inf:
-            raise ValueError(f"fading.doppler_hz is {self.doppler_hz!r}; it has to be finite and 0 or more")
+        check_range("fading", self, delay_spread_s=(0.0, 1e-5), doppler_hz=(0.0, LARGEST))
         profile = PROFILES[self.profile]
         scale = self.delay_spread_s if profile.normalised else 1.0
         power = 10.0 ** (np.array(profile.powers_db) / 10.0)

@@ -1,4 +1,4 @@
-"""Resource grid of an NR downlink carrier: configuration, SS/PBCH blocks, CORESET, PDSCH (TS 38.211, 38.213).
+"""Resource grid of an NR downlink carrier: SS/PBCH blocks, CORESET, PDSCH (TS 38.211, 38.213).
 
 Exact: PSS, SSS, all DM-RS, all resource-element positions. Random: the payload bits under PBCH, PDCCH and
 PDSCH. Channel coding followed by Gold scrambling makes transmitted bits equiprobable and uncorrelated, so
@@ -15,34 +15,25 @@ from enum import IntEnum
 import numpy as np
 
 from . import nr_sequences as seq
-from .evm import TYPICAL, TYPICAL_EVM, check_evm, evm_fraction
+from .evm import TYPICAL, TYPICAL_EVM, evm_fraction
+from .nr_config import (
+    DOWNLINK_SYMBOLS,
+    MIXED,
+    SSB_START_SYMBOLS,
+    SSB_SUBCARRIERS,
+    SYMBOLS_PER_SLOT,
+    NrConfig,
+)
 
-SUBCARRIER_SPACING_HZ = 15e3  # numerology 0
-# TS 38.101-1 Table 5.3.2-1. 5 MHz at 30 kHz, 11 blocks, is left out: an SS/PBCH block needs 20.
-RESOURCE_BLOCKS = {
-    15e3: {5e6: 25, 10e6: 52, 15e6: 79, 20e6: 106, 25e6: 133, 30e6: 160, 40e6: 216, 50e6: 270},
-    30e3: {
-        **{10e6: 24, 15e6: 38, 20e6: 51, 25e6: 65, 30e6: 78, 40e6: 106, 50e6: 133},
-        **{60e6: 162, 70e6: 189, 80e6: 217, 90e6: 245, 100e6: 273},
-    },
-}
-MIXED = "mixed"
-MODULATIONS = (*seq.BITS_PER_SYMBOL, MIXED)
-SYMBOLS_PER_SLOT = 14  # normal cyclic prefix, TS 38.211 Table 4.3.2-1
-SSB_SUBCARRIERS = 240  # TS 38.211 clause 7.4.3.1
-SSB_START_SYMBOLS = (2, 8)  # cases A (15 kHz) and C (30 kHz), TS 38.213 clause 4.1: {2, 8} + 14 n
-# Last column group of TS 38.211 Table 7.4.1.1.2-3, single-symbol DM-RS, PDSCH up to the end of the slot.
-DMRS_ADDITIONAL = {0: (), 1: (11,), 2: (7, 11), 3: (5, 8, 11)}
-DOWNLINK_SYMBOLS = {"D": 14, "S": 10, "U": 0}  # downlink symbols by kind of slot; S is the common 10 : 2 : 2
-# Table 7.4.1.1.2-3 for an allocation of ten symbols
-DMRS_ADDITIONAL_SPECIAL = {0: (), 1: (9,), 2: (6, 9), 3: (6, 9)}
+CORESET_SYMBOLS = 2  # duration of the CORESET, 1..3 in TS 38.211 clause 7.3.2.2: assumed
+# PDSCH DM-RS symbols by kind of slot: type A position 2 and one additional, TS 38.211 Table 7.4.1.1.2-3
+DMRS_SYMBOLS = {"D": (2, 11), "S": (2, 9)}
 PRECODED_BLOCKS = 4  # precoding resource block group, TS 38.214 clause 5.1.2.3
 PRECODING_DB = 6.0  # spread of amplitudes over precoding groups, dB: assumed
 TRS_SYMBOLS = (6, 10)  # TS 38.214 clause 5.1.6.1.1; the pair, out of three, that never collides with DM-RS
 TRS_STEP = 4  # subcarriers: density 3, TS 38.211 Table 7.4.1.5.3-1, row 1
-_MOST_SAMPLES = 1 << 25  # longest signal at the native rate, samples: 0.5 GB
-# EPRE ratio of TS 38.214 Table 4.1-1: 0 and -3 dB for one and two CDM groups without data.
-DMRS_AMPLITUDE = {1: 1.0, 2: 10.0 ** (3.0 / 20.0)}
+# EPRE ratio of TS 38.214 Table 4.1-1: -3 dB for two CDM groups without data.
+DMRS_AMPLITUDE = 10.0 ** (3.0 / 20.0)
 
 
 class Element(IntEnum):
@@ -58,245 +49,6 @@ class Element(IntEnum):
     PDSCH = 7
     PDSCH_DMRS = 8
     CSI_RS = 9
-
-
-@dataclass(frozen=True, kw_only=True)
-class NrConfig:
-    """An NR downlink carrier in FR1: normal cyclic prefix, one or two layers as received by one antenna.
-
-    Parameters
-    ----------
-    channel_bandwidth_hz : 5e6 (25 resource blocks of 15 kHz spacing), 10e6 (52; 24 of 30 kHz) and so on to 50e6, with
-        30 kHz to 100e6 (273); TS 38.101-1 Table 5.3.2-1
-    subcarrier_spacing_hz : 15e3 or 30e3
-    cell_id : physical cell identity, 0..1007
-    modulation : PDSCH modulation, 'qpsk', '16qam', '64qam' or '256qam'; 'mixed' draws one for each user, that is each
-        resource block group (TS 38.214 Table 5.1.2.2.1-1, configuration 1) in each slot
-    power_spread_db : users' powers are drawn evenly between this many dB below the strongest and 0, 0..30; a user is a
-        resource block group in a slot
-    load : fraction of the resource blocks given to PDSCH in each slot, 0..1; one contiguous allocation at a
-        random place (type 1, not interleaved)
-    slot_load : fraction of the slots that carry PDSCH, 0..1; the others send control and SS/PBCH blocks alone
-    pdcch_load : fraction of the CORESET's control channel elements in use, 0..1
-    coreset_symbols : duration of the CORESET, 1..3 (3 needs dmrs_type_a_position=3, clause 7.3.2.2)
-    dmrs_type_a_position : first PDSCH DM-RS symbol, 2 or 3
-    dmrs_additional_positions : further single-symbol DM-RS, 0..3 (3 needs position 2)
-    cdm_groups_without_data : 2 keeps DM-RS symbols free of data (DM-RS 3 dB up), 1 fills the other comb
-    ssb_indices : SS/PBCH blocks sent in half-frame 0, distinct, each 0..l_max-1; empty for none
-    ssb_subcarrier : first subcarrier of the blocks in the carrier; None centres them
-    l_max : 4 (carriers up to 3 GHz) or 8 (above)
-    frame_count : number of different 10 ms frames before the signal repeats, 1..100
-    upconversion_frequency_hz : f_0 of clause 5.4, symbol phase exp(-j 2 pi f_0 t_symbol); 0: none
-    seed : seed of the payload bits, the allocations, the precoders and the error vectors
-    evm : error vector magnitude of the transmitter, RMS fraction of the mean PDSCH element's amplitude, 0..1: complex
-        white, drawn for every element of every radio frame, before the prefix is copied. 'typical' is half the limit of
-        TS 38.104 Table 6.5.2.2-1 for the element's modulation: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM
-    precoding : a phase, and an amplitude within 6 dB, drawn for every group of four resource blocks and slot, of PDSCH
-        and its DM-RS
-    second_layer_db : power of a second layer (DM-RS port 1001) on the same elements against the first, -40..20; None
-        for one layer
-    tdd : pattern of slots, such as 'DDDSU': downlink, special (10 downlink symbols, then a gap and uplink), uplink,
-        which is not simulated; its length divides a radio frame's. Empty is downlink only
-    csi_rs : whether the tracking reference signal (a CSI-RS of one port, density 3) is sent, in two slots of a frame
-
-    Raises
-    ------
-    ValueError
-        One line with the value, the limit and the remedy.
-    """
-
-    channel_bandwidth_hz: float = 5e6
-    subcarrier_spacing_hz: float = SUBCARRIER_SPACING_HZ
-    cell_id: int = 0
-    modulation: str = "64qam"
-    power_spread_db: float = 0.0
-    load: float = 1.0
-    slot_load: float = 1.0
-    pdcch_load: float = 0.5
-    coreset_symbols: int = 2
-    dmrs_type_a_position: int = 2
-    dmrs_additional_positions: int = 1
-    cdm_groups_without_data: int = 2
-    ssb_indices: tuple[int, ...] = (0,)
-    ssb_subcarrier: int | None = None
-    l_max: int = 8
-    frame_count: int = 1
-    upconversion_frequency_hz: float = 0.0
-    seed: int = 0
-    evm: float | str = 0.0
-    precoding: bool = False
-    second_layer_db: float | None = None
-    tdd: str = ""
-    csi_rs: bool = False
-
-    def __post_init__(self) -> None:
-        if self.subcarrier_spacing_hz not in RESOURCE_BLOCKS:
-            raise ValueError(
-                f"subcarrier_spacing_hz {self.subcarrier_spacing_hz:g} is not supported; choose 15e3 or 30e3"
-            )
-        carriers = RESOURCE_BLOCKS[self.subcarrier_spacing_hz]
-        if self.channel_bandwidth_hz not in carriers:
-            raise ValueError(
-                f"channel_bandwidth_hz {self.channel_bandwidth_hz:g} is not supported with subcarrier_spacing_hz "
-                f"{self.subcarrier_spacing_hz:g}; choose one of "
-                f"{', '.join(f'{hz / 1e6:g}e6' for hz in carriers)}"
-            )
-        seq.check_cell_id(self.cell_id)
-        if self.modulation not in MODULATIONS:
-            raise ValueError(
-                f"modulation {self.modulation!r} is unknown; choose one of {', '.join(MODULATIONS)}"
-            )
-        if not 0.0 <= self.power_spread_db <= 30.0:
-            raise ValueError(f"power_spread_db {self.power_spread_db:g} is outside 0..30; give dB below 30")
-        for name in ("load", "slot_load", "pdcch_load"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(
-                    f"{name} {getattr(self, name):g} is outside 0..1; give a fraction, not per cent"
-                )
-        self._check_control()
-        self._check_transmitter()
-        self._check_ssb()
-        if self.seed < 0:
-            raise ValueError(f"seed {self.seed} has to be 0 or above")
-        if not 1 <= self.frame_count <= 100:
-            raise ValueError(
-                f"frame_count {self.frame_count} is outside 1..100; use fewer frames (1.2 MB each)"
-            )
-        if self.frame_count * self.sample_rate_hz / 100 > _MOST_SAMPLES:
-            raise ValueError(
-                f"frame_count {self.frame_count} of {self.channel_bandwidth_hz / 1e6:g} MHz take more than 0.5 GB; "
-                f"use at most {int(_MOST_SAMPLES * 100 / self.sample_rate_hz)}"
-            )
-        if self.csi_rs and not self.trs_slots:
-            raise ValueError(
-                "csi_rs needs two downlink slots in a row without SS/PBCH blocks; change tdd or ssb_indices"
-            )
-        if not np.isfinite(self.upconversion_frequency_hz) or self.upconversion_frequency_hz < 0:
-            raise ValueError(
-                f"upconversion_frequency_hz {self.upconversion_frequency_hz} must be finite and >= 0"
-            )
-
-    def _check_transmitter(self) -> None:
-        check_evm("nr", self.evm)
-        if self.second_layer_db is not None and not -40.0 <= self.second_layer_db <= 20.0:
-            raise ValueError(
-                f"second_layer_db {self.second_layer_db:g} is outside -40..20; leave it out for one layer"
-            )
-        if self.tdd and (set(self.tdd) - set(DOWNLINK_SYMBOLS) or self.slots_per_frame % len(self.tdd)):
-            raise ValueError(
-                f"tdd {self.tdd!r} has to be slots D, S and U, as many as divide the {self.slots_per_frame} of a radio "
-                "frame, such as DDDSU"
-            )
-
-    def _check_control(self) -> None:
-        allowed = {
-            "coreset_symbols": (1, 2, 3),
-            "dmrs_type_a_position": (2, 3),
-            "dmrs_additional_positions": (0, 1, 2, 3),
-            "cdm_groups_without_data": (1, 2),
-            "l_max": (4, 8),
-        }
-        for name, values in allowed.items():
-            if getattr(self, name) not in values:
-                raise ValueError(f"{name} {getattr(self, name)!r} is not one of {values}; choose one of them")
-        if self.coreset_symbols == 3 and self.dmrs_type_a_position != 3:
-            raise ValueError(
-                "coreset_symbols 3 overlaps the DM-RS in symbol 2; use dmrs_type_a_position=3 or at most 2"
-            )
-        if self.dmrs_additional_positions == 3 and self.dmrs_type_a_position != 2:
-            raise ValueError(
-                "dmrs_additional_positions 3 needs dmrs_type_a_position 2 (38.211 7.4.1.1.2); use at most 2"
-            )
-
-    def _check_ssb(self) -> None:
-        object.__setattr__(
-            self, "ssb_indices", tuple(self.ssb_indices)
-        )  # a list from YAML must stay hashable
-        if len(set(self.ssb_indices)) != len(self.ssb_indices):
-            raise ValueError(f"ssb_indices {self.ssb_indices} repeat an index; list each block once")
-        for index in self.ssb_indices:
-            if not 0 <= index < self.l_max:
-                raise ValueError(
-                    f"ssb_indices {self.ssb_indices} hold {index}, outside 0..{self.l_max - 1}; drop it"
-                )
-            if self.tdd:
-                last = SSB_START_SYMBOLS[index % 2] + 4
-                if DOWNLINK_SYMBOLS.get(self.slot_kinds[index // 2], 14) < last:
-                    raise ValueError(
-                        f"ssb_indices {self.ssb_indices} hold {index}, whose symbols tdd {self.tdd!r} does not "
-                        "give to the downlink; drop it"
-                    )
-        limit = self.subcarriers - SSB_SUBCARRIERS
-        if self.ssb_subcarrier is not None and not 0 <= self.ssb_subcarrier <= limit:
-            raise ValueError(
-                f"ssb_subcarrier {self.ssb_subcarrier} leaves the carrier; use 0..{limit} or None"
-            )
-
-    @property
-    def resource_blocks(self) -> int:
-        """Transmission bandwidth N_RB in resource blocks."""
-        return RESOURCE_BLOCKS[self.subcarrier_spacing_hz][self.channel_bandwidth_hz]
-
-    @property
-    def subcarriers(self) -> int:
-        """12 N_RB."""
-        return 12 * self.resource_blocks
-
-    @property
-    def occupied_bandwidth_hz(self) -> float:
-        """12 N_RB subcarrier spacings."""
-        return self.subcarriers * self.subcarrier_spacing_hz
-
-    @property
-    def fft_length(self) -> int:
-        """Smallest power of two, from 512 on, with as many subcarriers: 512 or 1024 for 5 or 10 MHz of 15 kHz."""
-        return max(512, 1 << (self.subcarriers - 1).bit_length())
-
-    @property
-    def slots_per_frame(self) -> int:
-        """10, or 20 with a spacing of 30 kHz."""
-        return round(10 * self.subcarrier_spacing_hz / SUBCARRIER_SPACING_HZ)
-
-    @property
-    def slot_kinds(self) -> str:
-        """'D', 'S' or 'U' of each slot of a radio frame."""
-        return (self.tdd or "D") * (self.slots_per_frame // len(self.tdd or "D"))
-
-    @property
-    def trs_slots(self) -> tuple[int, ...]:
-        """The two slots of a radio frame with the tracking reference signal, empty where there are none."""
-        busy = {index // 2 for index in self.ssb_indices}
-        free = [slot for slot, kind in enumerate(self.slot_kinds) if kind == "D" and slot not in busy]
-        return next(((a, b) for a, b in zip(free, free[1:], strict=False) if b == a + 1), ())
-
-    @property
-    def group_blocks(self) -> int:
-        """Resource block group, TS 38.214 Table 5.1.2.2.1-1, configuration 1."""
-        return next(
-            size for most, size in ((36, 2), (72, 4), (144, 8), (275, 16)) if self.resource_blocks <= most
-        )
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Native rate: 7.68e6, 15.36e6 and so on to 122.88e6."""
-        return self.fft_length * self.subcarrier_spacing_hz
-
-    @property
-    def ssb_first_subcarrier(self) -> int:
-        """First of the 240 subcarriers of the SS/PBCH blocks."""
-        if self.ssb_subcarrier is not None:
-            return self.ssb_subcarrier
-        return (self.subcarriers - SSB_SUBCARRIERS) // 2
-
-    @property
-    def dmrs_symbols_special(self) -> tuple[int, ...]:
-        """PDSCH DM-RS symbols of a special slot."""
-        return (self.dmrs_type_a_position, *DMRS_ADDITIONAL_SPECIAL[self.dmrs_additional_positions])
-
-    @property
-    def dmrs_symbols(self) -> tuple[int, ...]:
-        """PDSCH DM-RS symbols of a slot, Table 7.4.1.1.2-3 (mapping type A)."""
-        return (self.dmrs_type_a_position, *DMRS_ADDITIONAL[self.dmrs_additional_positions])
 
 
 @dataclass(frozen=True)
@@ -342,8 +94,7 @@ def ssb_block(cell_id: int, i_ssb: int, rng: np.random.Generator) -> ResourceGri
 def _place_ssb(config: NrConfig, grid: ResourceGrid, rng: np.random.Generator) -> None:
     rows = slice(config.ssb_first_subcarrier, config.ssb_first_subcarrier + SSB_SUBCARRIERS)
     for index in config.ssb_indices:
-        # Half-frame 0: for L_max = 4 the i-bar is the index itself, for L_max = 8 its three low bits.
-        block = ssb_block(config.cell_id, index % 8, rng)
+        block = ssb_block(config.cell_id, index, rng)
         first = SYMBOLS_PER_SLOT * (index // 2) + SSB_START_SYMBOLS[index % 2]
         grid.values[rows, first : first + 4] = block.values
         grid.elements[rows, first : first + 4] = block.elements
@@ -368,7 +119,7 @@ def _place_pdcch(
     A CCE is six REGs numbered time first, that is 6/duration resource blocks over all CORESET symbols. DM-RS
     on subcarriers 1, 5, 9 of each REG in use (7.4.1.3.2, precoder granularity of a REG bundle).
     """
-    duration = config.coreset_symbols
+    duration = CORESET_SYMBOLS
     width = 6 // duration
     cce_count = (config.resource_blocks // 6) * duration
     slots, symbols = np.meshgrid(np.arange(config.slots_per_frame), np.arange(duration), indexing="ij")
@@ -400,28 +151,27 @@ def _place_pdsch(
 ) -> None:
     """PDSCH mapping type A from the end of the CORESET to symbol 13, DM-RS configuration type 1, port 1000.
 
-    A resource block whose DM-RS would fall on an SS/PBCH block is not scheduled in that slot (TS 38.214
-    clause 5.1.4 forbids it); otherwise the data is rate matched around the block.
+    A resource block that an SS/PBCH block touches is not scheduled in that slot: its DM-RS would fall on the block,
+    which TS 38.214 clause 5.1.4 forbids.
     """
     count = round(config.load * config.resource_blocks)
     for slot, kind in enumerate(config.slot_kinds):
-        if kind == "U" or (config.slot_load < 1 and rng.random() >= config.slot_load):
+        if kind == "U":
             continue
         columns = slice(SYMBOLS_PER_SLOT * slot, SYMBOLS_PER_SLOT * (slot + 1))
         start = rng.integers(0, config.resource_blocks - count + 1)
         block = np.zeros((config.resource_blocks, 1), dtype=bool)
         block[start : start + count] = True
-        busy, elements = reserved[:, columns], grid.elements[:, columns]
-        dmrs = config.dmrs_symbols if kind == "D" else config.dmrs_symbols_special
-        block[busy[:, dmrs].any(axis=1)] = False
-        data = np.repeat(block & ~busy, 12, axis=0)
-        data[:, : config.coreset_symbols] = False
+        elements = grid.elements[:, columns]
+        dmrs = DMRS_SYMBOLS[kind]
+        block[reserved[:, columns].any(axis=1)] = False
+        data = np.repeat(block, 12, axis=0).repeat(SYMBOLS_PER_SLOT, axis=1)
+        data[:, :CORESET_SYMBOLS] = False
         data[:, DOWNLINK_SYMBOLS[kind] :] = False
         data[elements == Element.CSI_RS] = False
         comb = np.zeros(data.shape, dtype=bool)  # elements of the DM-RS
         comb[::2, dmrs] = np.repeat(block, 12, axis=0)[::2]
-        data[:, dmrs] &= config.cdm_groups_without_data == 1
-        data &= ~comb
+        data[:, dmrs] = False  # both CDM groups are without data
         sent = _layers(config, slot, dmrs, data, comb, grid, rng)
         if config.power_spread_db:
             own = _of_groups(config, rng.uniform(-config.power_spread_db, 0.0, _groups(config)))
@@ -441,7 +191,7 @@ def _layers(
 ) -> np.ndarray:
     """(subcarriers, 14) PDSCH and DM-RS of a slot as received by one antenna: one or two precoded layers."""
     pilots = seq.pdsch_dmrs(config.cell_id, slot, np.array(dmrs), config.resource_blocks)
-    pilots = pilots.T * DMRS_AMPLITUDE[config.cdm_groups_without_data]
+    pilots = pilots.T * DMRS_AMPLITUDE
     total = np.zeros(data.shape, dtype=np.complex128)
     user = None
     if config.modulation == MIXED:

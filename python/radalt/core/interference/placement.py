@@ -70,22 +70,15 @@ class Interferer:
 
 
 def interference_frame(
-    interferer: Interferer,
-    frame_samples: int,
-    rate_hz: float,
-    rng: np.random.Generator,
-    *,
-    return_power: float = 1.0,
+    interferer: Interferer, frame_samples: int, rate_hz: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """(N,) complex128: one frame of one interferer at its exact window SIR and overlap."""
+    """(N,) complex128: one frame of one interferer at its exact overlap and SIR, against a return of unit power."""
     frame = np.empty(frame_samples, dtype=np.complex128)
-    _place(frame, interferer, rate_hz, rng, return_power)
+    _place(frame, interferer, rate_hz, rng)
     return frame
 
 
-def _place(
-    frame: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.random.Generator, return_power: float
-) -> None:
+def _place(frame: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.random.Generator) -> None:
     """Write one burst, and silence around it, into a frame, complex64 or complex128."""
     frame_samples = frame.size
     count = interferer.burst_samples(frame_samples)
@@ -93,16 +86,14 @@ def _place(
         frame.view(frame.real.dtype)[:] = 0  # a quarter of the time of complex zeros
     if count == 0:
         return
-    if (
-        count == frame_samples
-    ):  # the only start is 0; the generator's call would take a tenth of a burst's time
+    if count == frame_samples:  # the only start is 0; drawing it would take a tenth of a burst's time
         first = 0
     elif interferer.start is None:
         first = int(rng.integers(0, frame_samples - count + 1))
     else:
         first = min(round(interferer.start * frame_samples), frame_samples - count)
     emitter, span = interferer.emitter, frame[first : first + count]
-    wanted = return_power * 10.0 ** (-interferer.sir_db / 10.0) * frame_samples
+    wanted = 10.0 ** (-interferer.sir_db / 10.0) * frame_samples
     write = getattr(emitter, "write", None)
     if write is not None and write(span, wanted / count, rate_hz, rng):
         return
@@ -121,7 +112,6 @@ def interference_frames(
     rate_hz: float,
     rng: np.random.Generator,
     *,
-    return_power: float = 1.0,
     total_sir_db: float | None = None,
     dtype: type = np.complex128,
     out: np.ndarray | None = None,
@@ -133,14 +123,14 @@ def interference_frames(
     if len(interferers) == 1 and total_sir_db is None:  # nothing to sum
         alone = np.empty((frames, frame_samples), dtype=dtype) if out is None else out
         for row in alone:
-            _place(row, interferers[0], rate_hz, rng, return_power)
+            _place(row, interferers[0], rate_hz, rng)
         return alone
     total = np.zeros((frames, frame_samples), dtype=np.complex128)
     for row in total:
         for interferer in interferers:
-            row += interference_frame(interferer, frame_samples, rate_hz, rng, return_power=return_power)
+            row += interference_frame(interferer, frame_samples, rate_hz, rng)
         if total_sir_db is not None:
-            row[:] = _rescale(row, return_power * 10.0 ** (-total_sir_db / 10.0) * frame_samples)
+            row[:] = _rescale(row, 10.0 ** (-total_sir_db / 10.0) * frame_samples)
     if out is None:
         return total.astype(dtype, copy=False)
     out[:] = total

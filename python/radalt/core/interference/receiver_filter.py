@@ -15,24 +15,8 @@ import numpy as np
 from ..fir import kaiser_lowpass
 
 PASSBAND_FRACTION = 0.9  # flat bandwidth over the output rate: usual for an SDR's decimator
+MAX_OVERSAMPLING = 64  # largest oversampling of an emitter: a window of 1 ms then takes 8 MB
 MAX_RATIO = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
-
-
-def check_receiver(rate_hz: float, receiver_bandwidth_hz: float | None) -> float:
-    """Two-sided flat bandwidth in Hz; None gives 0.9 of the rate.
-
-    Raises ValueError if the rate is not positive or the bandwidth is not inside (0, 0.98 rate].
-    """
-    if not (np.isfinite(rate_hz) and rate_hz > 0):
-        raise ValueError(f"rate_hz {rate_hz} must be positive and finite; give the complex sample rate")
-    if receiver_bandwidth_hz is None:
-        return PASSBAND_FRACTION * rate_hz
-    if not 0 < receiver_bandwidth_hz <= 0.98 * rate_hz:
-        raise ValueError(
-            f"receiver_bandwidth_hz {receiver_bandwidth_hz:g} is outside (0, {0.98 * rate_hz:g}]; "
-            "leave room for the filter skirt below the rate"
-        )
-    return float(receiver_bandwidth_hz)
 
 
 def check_positive(owner: str, **values: float) -> None:
@@ -60,13 +44,6 @@ def random_window(signal: np.ndarray, residual: float, count: int, rng: np.rando
     return window * np.exp(2j * np.pi * cycles)
 
 
-def check_count(count: int) -> int:
-    """Number of samples as int; ValueError below 1."""
-    if int(count) != count or count < 1:
-        raise ValueError(f"count {count} is not a positive integer; ask for at least one sample")
-    return int(count)
-
-
 @lru_cache(maxsize=32)
 def receiver_taps(design_rate_hz: float, stop_hz: float, bandwidth_hz: float) -> np.ndarray:
     """Odd-length Kaiser low-pass at `design_rate_hz`: flat to bandwidth_hz/2, 80 dB down from `stop_hz`.
@@ -92,12 +69,10 @@ def rate_ratio(rate_hz: float, source_rate_hz: float) -> Fraction:
     return ratio
 
 
-def resample_periodic(
-    samples: np.ndarray, source_rate_hz: float, rate_hz: float, bandwidth_hz: float
-) -> np.ndarray:
-    """Polyphase resampling (scipy.signal.resample_poly) of one period of a periodic signal.
+def resample_periodic(samples: np.ndarray, source_rate_hz: float, rate_hz: float) -> np.ndarray:
+    """Receiver filter and polyphase resampling (scipy.signal.resample_poly) of one period of a periodic signal.
 
-    Parameters: `samples` (N,) complex at `source_rate_hz`; `bandwidth_hz` is the flat two-sided bandwidth.
+    ``samples`` is (N,) complex at ``source_rate_hz``.
     Returns (N rate/source_rate,) complex128; the result repeats without a seam and is not delayed.
     Raises ValueError if the period is not a whole number of output samples or the ratio is not small.
     """
@@ -109,7 +84,7 @@ def resample_periodic(
         )
     design_rate_hz = source_rate_hz * ratio.numerator
     stop_hz = min(rate_hz, source_rate_hz) / 2
-    bandwidth_hz = min(bandwidth_hz, 0.98 * 2 * stop_hz)
+    bandwidth_hz = min(PASSBAND_FRACTION * rate_hz, 0.98 * 2 * stop_hz)
     taps = receiver_taps(design_rate_hz, stop_hz, bandwidth_hz)
     # Guard of whole input:output periods, so that cropping is exact, and no shorter than half the filter.
     blocks = -(-(taps.size // 2 // ratio.numerator + 1) // ratio.denominator)
@@ -122,33 +97,36 @@ def resample_periodic(
     return resampled[lead : lead + samples.size * ratio.numerator // ratio.denominator]
 
 
-def oversampling(rate_hz: float, highest_hz: float, limit: int = 64) -> int:
+def oversampling(rate_hz: float, highest_hz: float) -> int:
     """Smallest integer M such that a signal within +-highest_hz, sampled at M rate, does not alias into the band.
 
-    Raises ValueError if M exceeds `limit`.
+    Raises ValueError if M exceeds 64.
     """
     factor = max(1, int(np.ceil((highest_hz + rate_hz / 2) / rate_hz)))
-    if factor > limit:
+    if factor > MAX_OVERSAMPLING:
         raise ValueError(
             f"frequencies up to {highest_hz:g} Hz from the radar need {factor} times its rate; "
-            f"the limit is {limit} times, reduce the offset or the bandwidth"
+            f"the limit is {MAX_OVERSAMPLING} times, reduce the offset or the bandwidth"
         )
     return factor
 
 
-def window_guard(rate_hz: float, factor: int, bandwidth_hz: float) -> int:
+def window_taps(rate_hz: float, factor: int) -> np.ndarray:
+    """Receiver filter at ``factor`` times the rate."""
+    return receiver_taps(rate_hz * factor, rate_hz / 2, PASSBAND_FRACTION * rate_hz)
+
+
+def window_guard(rate_hz: float, factor: int) -> int:
     """Output samples that `decimate_window` needs on either side of the window."""
-    taps = receiver_taps(rate_hz * factor, rate_hz / 2, bandwidth_hz)
-    return taps.size // 2 // factor + 1
+    return window_taps(rate_hz, factor).size // 2 // factor + 1
 
 
-def decimate_window(samples: np.ndarray, rate_hz: float, factor: int, bandwidth_hz: float) -> np.ndarray:
+def decimate_window(samples: np.ndarray, rate_hz: float, factor: int) -> np.ndarray:
     """Filter and decimate by `factor` a window with `window_guard` extra output samples on either side.
 
     `samples` (factor (count + 2 guard),) at factor * rate_hz gives (count,) at rate_hz, without delay.
     """
-    taps = receiver_taps(rate_hz * factor, rate_hz / 2, bandwidth_hz)
-    guard = window_guard(rate_hz, factor, bandwidth_hz)
+    taps, guard = window_taps(rate_hz, factor), window_guard(rate_hz, factor)
     # The filter's delay must be a whole number of output samples: pad the taps in front.
     pad = -(taps.size // 2) % factor
     # by FFTs: a tenth of upfirdn's time for a sweep of 150 MHz, a third for a long window

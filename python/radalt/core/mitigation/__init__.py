@@ -44,7 +44,7 @@ __all__ = [
     "register",
 ]
 
-# a method of the user's own, from a Python file: not among METHODS, since it is nothing without its file
+# The method of a user's Python file; not among METHODS, since it needs the file.
 CUSTOM = Custom.name
 
 for _method in (
@@ -60,7 +60,7 @@ for _method in (
     QpskCancel,
     Tcae,
     Hybrid,
-):  # as reports list them
+):  # in the order of reports
     register(_method)
 
 
@@ -81,7 +81,7 @@ def method_class(name: str) -> type[Mitigation]:
 
 _NAMED: dict[str, type[Mitigation]] = {}  # by `name_method`
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
-# as bold as lines can be: what a user brings is what a figure is for
+# Bold styles, so that a user's own method stands out in a figure.
 _OWN_STYLES = (
     PlotStyle("#000000"),
     PlotStyle("#B2182B", "D"),
@@ -136,8 +136,8 @@ def create(
         may use one core only, since the two would only take turns.
     batch : int
     max_altitude_m : float or None
-        Highest altitude that the altimeter behind the method searches (None: the altimeter's default): the default of
-        ``span_m``, where the method has one. A frame with ground beyond it passes as it came (`BeyondSpan`).
+        Highest altitude that the altimeter searches; None takes the altimeter's default. It is the default of
+        ``span_m``, where the method has one. A frame with ground beyond it passes unchanged (`BeyondSpan`).
     **parameters
         Of the method.
 
@@ -180,7 +180,7 @@ def create(
     return built
 
 
-# whatever else lies in this folder, and what stands outside, registers itself
+# other files in this folder, and plugins outside, register themselves
 for _file in pkgutil.iter_modules(__path__):
     importlib.import_module(f".{_file.name}", __name__)
 load_plugins()

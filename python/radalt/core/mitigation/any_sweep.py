@@ -37,19 +37,19 @@ __all__ = [
     "tables_of",
 ]
 
-# as `compact` was trained: Waveform(), 1500 m
+# Layout with which `compact` was trained: Waveform(), 1500 m.
 HOP, COLUMNS, GROUP = 30, 250, 15  # samples per column, columns per frame, cells per spectral gain
-FILTER_HOPS = 3  # that a filter lasts
+FILTER_HOPS = 3  # length of a filter, hops
 _SPAN_M, _SPEED_M_PER_S = 1500.0, 100.0
-# what break-points were measured over (docs/tcae.md)
+# Sweeps over which break-points were measured (docs/tcae.md).
 SERVED = {
     "bandwidth_hz": (1e6, 56e6),
     "sweep_s": (0.2e-3, 10e-3),
     "rate_hz": (2e6, 56e6),
 }
-_COLUMNS_WITHIN = (0.8, 1.25)  # of the number that the span asks for
+_COLUMNS_WITHIN = (0.8, 1.25)  # number of columns over the number that the span requires
 _GROUPS = range(11, 21)
-_MOST_LONGER = 1.15  # samples, to find a length with small factors
+_MOST_LONGER = 1.15  # longest resampled frame over the frame, to find a length with small factors
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _layout(samples: int, wanted: float) -> Layout | None:
             factors = factors_of(length, group) if length % group == 0 else None
             if factors is None:
                 continue
-            # a longer frame costs most: it is resampled
+            # a longer frame costs most, since it is resampled
             cost = abs(np.log(columns / wanted)) + 4.0 * (length / samples - 1)
             cost += 0.3 * abs(np.log(group / GROUP)) + 0.1 * sum(factors) / (3.0 * length ** (1 / 3))
             if cost < least:

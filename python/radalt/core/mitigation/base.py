@@ -67,7 +67,7 @@ class Mitigation(ABC):
     style : PlotStyle or None
         Style in figures; None takes the next unused one.
     batch : int
-        Frames that a block gives the method at once, unless told otherwise. More frames share the cost of a call. It is
+        Default number of frames per call of a block. More frames share the cost of a call. It is
         1 for networks: their last bits depend on the batch, and results must not depend on the load.
     runs_network : bool
         Whether it needs ONNX Runtime.
@@ -78,14 +78,14 @@ class Mitigation(ABC):
     removed : mapping of str to str
         Options that earlier releases had, and what to do about each.
     beyond_frames : int
-        Frames that passed as they came because the ground lies beyond the span (`BeyondSpan`).
+        Frames that passed unchanged because the ground lies beyond the span (`BeyondSpan`).
     outside_cpu_ns : int
         CPU time spent on frames outside the calling thread, in nanoseconds; 0 except for `OwnProcess`.
 
     Notes
     -----
     `radalt.core.mitigation.create` gives every method the highest altitude that the altimeter searches. A frame whose
-    strongest return lies beyond it passes as it came, whatever the method is: the method never sees it.
+    strongest return lies beyond it passes unchanged and never reaches the method.
     """
 
     name = "mitigation"
@@ -101,7 +101,7 @@ class Mitigation(ABC):
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything learnt from earlier frames."""
+        """Forget the state from earlier frames."""
         self.frames = 0
         self.diverged_frames = 0
         self.beyond_frames = 0
@@ -140,7 +140,7 @@ class Mitigation(ABC):
                 out[~beyond] = self._processed(frames[~beyond])
 
     def _beyond(self, frames: np.ndarray) -> np.ndarray | None:
-        """(n,) bool: frames that pass as they came; None where there is none."""
+        """(n,) bool: frames that pass unchanged; None where there is none."""
         if self.beyond_span is None:
             return None
         beyond = self.beyond_span(frames)
@@ -162,7 +162,7 @@ class Mitigation(ABC):
         return out.astype(np.complex64, copy=False)
 
     def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """Like `_processed`, into ``out``; for methods that know sooner whether a frame is finite."""
+        """Like `_processed`, into ``out``; overridden where the method finds out anyway whether a frame is finite."""
         if finite_frames(frames).all():
             self.frames += len(frames)
             self._clean_into(frames, out)
@@ -198,7 +198,7 @@ METHODS: dict[str, type[Mitigation]] = {}  # by name, those of the package first
 
 
 def register(cls: _Class) -> _Class:
-    """Class decorator: the method can be asked for by its ``name`` from now on.
+    """Class decorator: makes the method known by its ``name``.
 
     Raises
     ------

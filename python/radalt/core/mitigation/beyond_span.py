@@ -1,9 +1,9 @@
-"""Ground beyond the span of altitudes: a method must not make a low altitude of it.
+"""Ground beyond the span of altitudes: a method must not turn it into a low altitude.
 
-A method that knows the span (a network, a short filter) folds a return from beyond it into it: the filterbank of the
-shipped network has one column in 30 samples, so 2,600 m show as 103 m. The received frame shows where the ground is:
-dechirped, a return is one line in each half sweep, at any height up to Nyquist. Where the strongest pair of lines lies
-beyond the span, the frame has to pass as it came, and the altimeter then finds nothing.
+A method that depends on the span (a network, a short filter) aliases a return from beyond it into the span: the
+filterbank of the shipped network has one column per 30 samples, so 2,600 m appear as 103 m. The received frame shows
+where the ground is: dechirped, a return is one line in each half sweep, at any height up to Nyquist. Where the
+strongest pair of lines lies beyond the span, the frame passes unchanged, and the altimeter then finds nothing.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from ..waveform import Waveform
 
 __all__ = ["BeyondSpan"]
 
-# Resolution cells beyond the highest altitude at which the altimeter itself no longer declares a return
+# Resolution cells beyond the highest altitude from which the altimeter itself declares no return.
 _MARGIN_CELLS = 2
-# Probability per frame of noise that its strongest pair is taken for a return
+# Probability per frame of noise that its strongest pair is taken for a return: far below the altimeter's false alarms.
 _PFA = 1e-5
-# Least significance of either half sweep's line (-log of its probability in noise), as of the altimeter's pairs
+# Least significance of either half sweep's line (-log of its probability in noise), the altimeter's own floor.
 _FLOOR = 3.0
-# Cells on either side of a line that its noise level is the mean of, and those next to it that are left out
+# Training cells on either side of a line, and guard cells next to it.
 _TRAIN, _GUARD = 64, 2
 
 
@@ -37,7 +37,7 @@ class BeyondSpan:
 
     Notes
     -----
-    Costs two transforms of a half sweep per frame.
+    Costs two FFTs of a half sweep per frame.
 
     Examples
     --------
@@ -55,9 +55,9 @@ class BeyondSpan:
         self._reach = reach = min(int(np.ceil(2.0 * doppler_hz / cell_hz)), half // 8)
         self._below = reach + _MARGIN_CELLS  # cells of negative beats: a return at 0 m and its Doppler
         top = float(waveform.altitude_to_beat_hz(max_altitude_m)) / cell_hz
-        self._first = self._below + top + _MARGIN_CELLS  # of the mean of a pair's cells
+        self._first = self._below + top + _MARGIN_CELLS  # least mean of a pair's cells
         self._count = min(self._below + half // 2 + reach + 1, half)  # cells up to Nyquist, and a Doppler
-        # both halves turned so that a return has a positive beat, the lowest cell first
+        # both halves mixed so that a return has a positive beat, the lowest cell first
         turn = np.exp(2j * np.pi * self._below * np.arange(half) / half)
         reference = waveform.reference.astype(np.complex128).reshape(2, half)
         self._table = (np.stack([reference[0], reference[1].conj()]) * turn).astype(np.complex64)
@@ -72,9 +72,7 @@ class BeyondSpan:
         out = np.zeros(len(frames), dtype=bool)
         if self._first >= self._count - self._reach:  # the span reaches up to Nyquist
             return out
-        for k, frame in enumerate(
-            frames.reshape(-1, 2, self._half)
-        ):  # frame by frame: planes stay in the cache
+        for k, frame in enumerate(frames.reshape(-1, 2, self._half)):  # frame by frame, in the cache
             out[k] = self._shows(frame)
         return out
 

@@ -1,4 +1,4 @@
-"""Blanking: excise what stands out in the time-frequency plane, the sweep's own ridge excepted."""
+"""Blanking: excise what stands out in the time-frequency plane, except where the return can be."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
 __all__ = ["Blanking"]
 
-_SAMPLE = 17  # cells from one of a sample to the next; no divisor of a window, so that all its frequencies take part
+_SAMPLE = 17  # stride of the sample in cells: no divisor of a window, so that all frequencies are sampled
 
 
 class Blanking(Mitigation):
@@ -22,16 +22,17 @@ class Blanking(Mitigation):
     ----------
     window : int
         STFT length in samples (Hann, three quarters overlap). 64 samples at 7.5 MS/s are about the square root of the
-        sweep's time-bandwidth product, where the ridge is narrowest.
+        sweep's time-bandwidth product, where the return is narrowest.
     threshold_db : float
-        A cell is excised when it exceeds the robust level of its kind (ridge or not, see below) by this much.
+        A cell is excised when it exceeds the robust level of its kind (in the return mask or not) by this much.
     max_altitude_m : float
-        Highest altitude whose return must not be excised; widens the protected ridge.
+        Highest altitude whose return must not be excised; widens the return mask.
 
     Notes
     -----
-    A return stands out in the plane just as interference does. Its cells are known, since frames are aligned with the
-    sweep: along that ridge a cell is compared with the ridge's own median, elsewhere with the frame's quiet cells.
+    A return exceeds the noise in the plane just as interference does. Its cells are known, since frames are aligned
+    with the sweep: within this return mask a cell is compared with the mask's own level, elsewhere with the frame's
+    quiet cells.
     """
 
     name = "blanking"
@@ -62,14 +63,14 @@ class Blanking(Mitigation):
         self._norm = (1.0 / norm[lead : lead + n]).astype(np.float32)
         self._hops = hops
         super().__init__(waveform)
-        ridge = self._ridge_mask()
-        self._on_ridge, self._elsewhere = np.flatnonzero(ridge), np.flatnonzero(~ridge)
-        # the ridge's cells by hop; at the ends a hop may have none
-        count = ridge.sum(axis=1)
-        self._ridge_hops = np.flatnonzero(count)
-        self._ridge_firsts = (np.cumsum(count) - count)[self._ridge_hops]
+        mask = self._return_mask()
+        self._in_mask, self._elsewhere = np.flatnonzero(mask), np.flatnonzero(~mask)
+        # the mask's cells by hop; at the ends a hop may have none
+        count = mask.sum(axis=1)
+        self._mask_hops = np.flatnonzero(count)
+        self._mask_firsts = (np.cumsum(count) - count)[self._mask_hops]
 
-    def _ridge_mask(self) -> np.ndarray:
+    def _return_mask(self) -> np.ndarray:
         """(hops, window) bool: cells that a return between 0 and the highest altitude can occupy."""
         mask = np.zeros((self._hops, self.window), dtype=bool)
         for altitude in np.linspace(0.0, self.max_altitude_m, 8):
@@ -86,7 +87,7 @@ class Blanking(Mitigation):
         return fft.fft(views * self._taper, axis=-1, overwrite_x=True)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        # frame by frame: the planes of more leave the cache
+        # frame by frame: the planes of several frames do not fit the cache
         out = np.empty_like(batch)
         for frame, cleaned in zip(unit_peak(batch), out, strict=True):
             cleaned[:] = self._blanked(frame)
@@ -94,20 +95,20 @@ class Blanking(Mitigation):
         return out
 
     def _blanked(self, frame: np.ndarray) -> np.ndarray:
-        """(N,) frame of unit peak without what stands out."""
+        """(N,) frame of unit peak without the cells that exceed their level."""
         plane = self._stft(frame)
         power = plane.real**2
         power += plane.imag**2
         factor = np.float32(10.0 ** (self.threshold_db / 10.0))
-        # off the ridge: the lower quartile stays with undisturbed cells up to three quarters of occupancy; the median
-        # of an exponential population is 2.41 times its lower quartile
+        # outside the mask: the lower quartile is that of undisturbed cells up to an occupancy of three quarters; the
+        # median of an exponential population is 2.41 times its lower quartile
         off = _lower_quartile(power.take(self._elsewhere)) * np.float32(2.41)
-        # on it: the return is as strong as the strongest ridge cell of an undisturbed instant
-        ridge = power.take(self._on_ridge)
+        # in the mask: the return is as strong as the strongest masked cell of an undisturbed hop
+        masked = power.take(self._in_mask)
         strongest = np.zeros(self._hops, dtype=np.float32)
-        strongest[self._ridge_hops] = np.maximum.reduceat(ridge, self._ridge_firsts)
+        strongest[self._mask_hops] = np.maximum.reduceat(masked, self._mask_firsts)
         excised = power > off * factor
-        excised.reshape(-1)[self._on_ridge] &= ridge > _lower_quartile(strongest) * factor
+        excised.reshape(-1)[self._in_mask] &= masked > _lower_quartile(strongest) * factor
         np.copyto(plane, 0, where=excised)
         return self._overlap_add(fft.ifft(plane, axis=-1, overwrite_x=True))
 
@@ -125,10 +126,10 @@ class Blanking(Mitigation):
 
 
 def _lower_quartile(cells: np.ndarray) -> np.float32:
-    """Lower quartile of (m,) cells, which it may put into another order.
+    """Lower quartile of (m,) cells, which may be reordered.
 
-    To put many cells on one side or the other costs a branch for each that no processor foresees. So a sample brackets
-    the quartile, and only what lies between is put in order: 0.45 of the time for 27,000 cells.
+    Partitioning many cells costs one mispredicted branch per cell. A sample therefore brackets the quartile, and only
+    the cells between are partitioned: 0.45 of the time for 27,000 cells.
     """
     rank = cells.size // 4
     sample = cells[::_SAMPLE].copy()

@@ -1,4 +1,4 @@
-"""A function of the user's as a method: what `radalt.method` and `radalt.evaluate` make of one."""
+"""A user's function as a method, for `radalt.method` and `radalt.evaluate`."""
 
 from __future__ import annotations
 

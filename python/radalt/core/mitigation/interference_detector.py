@@ -1,14 +1,14 @@
 """Is there interference in this frame? A frame that shows none can skip the network.
 
 Dechirped, a return is one tone in each half sweep; noise and every interferer that does not sweep along are spread over
-all cells. The statistic is the power that is not in the tone over the power that is,
+all cells. The statistic is the power outside the tone over the power in it,
 ``r = (E_total - E_tone) / E_tone`` over both half sweeps. ``E_tone`` is the power of each one's peak cell and 24 cells
 on either side. Without interference ``r = 1 / SNR``; interference at window SIR ``s`` adds ``1 / s``. A dechirped frame
 has some 36 dB of compression, so interference below the threshold cannot affect the altitude. A frame above the
 threshold goes to the network.
 
-What is beside the tone may be white noise alone, which no method can take away. Its powers in short stretches of time
-and frequency are exponentially distributed, and the mean of their squares is twice the square of their mean.
+The residual may be white noise alone, which no method can remove. Its powers in short pieces of time and frequency are
+exponentially distributed, and the mean of their squares is twice the square of their mean.
 Interference leaves some of these cells empty, and the ratio is higher.
 """
 
@@ -22,6 +22,7 @@ from .base import unit_peak
 
 __all__ = ["InterferenceDetector"]
 
+_THRESHOLD_DB = -8.0  # residual over return, dB, from which a frame counts as interfered (see the class)
 _REACH = 24  # cells on either side of the peak: 99 % of a tone that straddles two cells
 # Noise gives 1.92 to 2.06 (up to 2.2 in frames of 400 samples), NR wider than the sweep 2.0 to 3, everything else 2.7
 # or more, QPSK of 2 MHz in a sweep of 3 MHz among it.
@@ -36,15 +37,14 @@ class InterferenceDetector:
     Parameters
     ----------
     waveform : Waveform
-    threshold_db : float
-        Residual over return, -15..10 dB, from which a frame counts as interfered. Frames whose SNR is below
-        ``-threshold_db`` always do. With the default of -8 dB and an SNR of 10 dB, less than one in 10^3 frames with
-        interference at a window SIR of 10 dB or below is missed. Less than one clean frame in 10^3 is taken for
-        interfered. That was measured for QPSK, tones, NR and radar pulses down to an overlap of 0.05
-        (``tests/test_detector.py``).
 
     Notes
     -----
+    A frame counts as interfered from a residual of -8 dB over the return on, so every frame with an SNR below 8 dB
+    does. At an SNR of 10 dB, less than one in 10^3 frames with interference at a window SIR of 10 dB or below is
+    missed, and less than one clean frame in 10^3 counts as interfered: measured for QPSK, tones, NR and radar pulses
+    down to an overlap of 0.05 (``tests/test_detector.py``).
+
     An interferer that sweeps along with the radar is a ghost target, a tone itself, and not found here. A ground return
     that spreads over many cells counts as interference: the network then runs, which is the safe side.
 
@@ -56,17 +56,15 @@ class InterferenceDetector:
     False
     """
 
-    def __init__(self, waveform: Waveform, threshold_db: float = -8.0) -> None:
-        if not -15.0 <= threshold_db <= 10.0:
-            raise ValueError(f"threshold_db is {threshold_db!r}; it has to be within -15..10")
-        self.waveform, self.threshold_db = waveform, float(threshold_db)
+    def __init__(self, waveform: Waveform) -> None:
+        self.waveform = waveform
         self._half = waveform.samples_per_half
         self._table = np.conj(waveform.reference).astype(np.complex64).reshape(1, 2, self._half)
 
     def residual_db(self, frames: np.ndarray, every: int = 1) -> np.ndarray:
         """(n,) residual over return in dB of (n, N) complex64 frames; +inf for zeros, NaN where not finite.
 
-        One sample in ``every`` few tells nearly as much: beats beyond what they can hold are folded, not lost.
+        One sample in ``every`` few is nearly as good: beats beyond their Nyquist frequency alias, they are not lost.
         """
         frames = np.asarray(frames, dtype=np.complex64)
         n = self.waveform.samples_per_frame
@@ -92,9 +90,9 @@ class InterferenceDetector:
         return spectrum, power, (peak[..., None] + np.arange(-_REACH, _REACH + 1)) % power.shape[-1]
 
     def white(self, frames: np.ndarray) -> np.ndarray:
-        """(n,) bool: whether all that (n, N) complex64 finite frames hold beside a point return is white noise.
+        """(n,) bool: whether (n, N) complex64 finite frames hold a point return and white noise only.
 
-        What a return above the noise leaves beside its cells may be called interference, and so is one of many cells.
+        A return that is strong, or spreads over many cells, may count as interference.
         """
         frames = np.asarray(frames, dtype=np.complex64)
         length = fft.next_fast_len(max(8, round(self._half**0.5)))  # a prime takes four times as long
@@ -109,9 +107,9 @@ class InterferenceDetector:
             return ratio * (1.0 - (2 * _REACH + 1) / self._half) < _WHITE  # the tone's cells are empty
 
     def return_stands_out(self, frames: np.ndarray) -> np.ndarray:
-        """(n,) bool: whether a tone stands out of both dechirped half sweeps of (n, N) complex64 frames as they are.
+        """(n,) bool: whether both dechirped half sweeps of (n, N) complex64 frames have a tone 18 dB above their mean.
 
-        The altimeter then reads the frame without help.
+        The altimeter then finds the altitude without mitigation.
         """
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             power = self._spectra(np.asarray(frames, dtype=np.complex64))[1]
@@ -119,4 +117,4 @@ class InterferenceDetector:
 
     def present(self, frames: np.ndarray) -> np.ndarray:
         """(n,) bool: whether frames show interference, or might (low SNR, no signal, values that are not finite)."""
-        return ~(self.residual_db(frames) < self.threshold_db)
+        return ~(self.residual_db(frames) < _THRESHOLD_DB)

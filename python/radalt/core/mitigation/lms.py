@@ -18,7 +18,7 @@ __all__ = ["BlockLms", "BlockLmsReferenceInput", "Nlms"]
 # Weights of a filter that maps a signal onto a unit-power one never need to be this large; beyond it the recursion
 # has left the region of convergence and the next blocks only overflow.
 _WEIGHT_LIMIT = 1e6
-_LOOK = 8  # blocks
+_CHECKED = 8  # blocks whose weights are checked together: a check costs as much as a block's product
 
 
 class BlockLms(Mitigation):
@@ -41,7 +41,7 @@ class BlockLms(Mitigation):
         altimeter, or the filter's reach where that is lower.
     restart : bool
         Start every frame from zero weights. Kept weights hold the altitude of the last frames, and a frame at another
-        altitude then shows the old one. Keeping them pays where altitude and phase stand still.
+        altitude then shows the old one. Keeping them helps in a static channel.
 
     Notes
     -----
@@ -49,16 +49,18 @@ class BlockLms(Mitigation):
     ``diverged_frames`` and adaptation starts anew with the next frame.
 
     With the reference as input the output is a sum of delayed sweeps whatever is received: noise, Doppler and altitudes
-    beyond the filter all look like an altitude. So a frame whose strongest beats do not stand out in the received frame
-    too is silenced, and counted in ``unconfirmed_frames``. Weights that change once per block put images beside the
-    return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one half sweep and as strong as it in the other.
-    Beside a return within the span they do no harm; those of a return beyond it would be declared in its place.
+    beyond the filter all become an altitude. A frame is therefore silenced, and counted in ``unconfirmed_frames``,
+    unless its strongest beats also exceed the noise of the received frame. Weights that change once per block put
+    images beside the return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one half sweep and as strong as
+    it in the other. Images of a return within the span are harmless; those of a return beyond it would be declared.
     """
 
     name = "lms"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
     batch = 16  # frames share the calls per block
-    _confirmed_pfa = 1.0  # of `Altimeter.confirms`: the paper's rows stay as they are
+    _confirmed_pfa = (
+        1.0  # parameter of `Altimeter.confirms`; 1 is the paper's setting, without a test against noise
+    )
 
     def __init__(
         self,
@@ -105,7 +107,7 @@ class BlockLms(Mitigation):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         reference = self.waveform.reference[None]
-        # frames that start anew are independent of each other: one pass over the blocks adapts all of them
+        # frames that start from zero weights are independent: one pass over the blocks adapts all of them
         step = len(batch) if self.restart else 1
         for first in range(0, len(batch), step):
             frames, cleaned = batch[first : first + step], out[first : first + step]
@@ -144,8 +146,8 @@ class BlockLms(Mitigation):
         """The recursion: largest weights (blocks, n) after each block, and the last weights (n, L)."""
         taps = np.lib.stride_tricks.sliding_window_view(line, self.length, axis=1)
         peaks = np.empty((len(firsts), len(out)), dtype=np.float32)
-        # weights after the last blocks: looked through together, since a look costs as much as a product
-        history = np.empty((_LOOK, *weights.shape), dtype=np.complex64)
+        # weights after the last blocks, checked together
+        history = np.empty((_CHECKED, *weights.shape), dtype=np.complex64)
         for k, (gain, first) in enumerate(zip(self._gains(line).T[..., None], firsts, strict=True)):
             span = slice(first, first + self.block)
             x = np.ascontiguousarray(taps[:, span])  # overlapping rows are no matrix to BLAS
@@ -155,9 +157,9 @@ class BlockLms(Mitigation):
             change = (np.conjugate(error, out=error)[:, None] @ x)[:, 0]
             np.conjugate(change, out=change)
             change *= gain
-            weights = np.add(weights, change, out=history[k % _LOOK])
-            if (k + 1) % _LOOK == 0 or k + 1 == len(firsts):
-                peaks[k - k % _LOOK : k + 1] = np.abs(history[: k % _LOOK + 1]).max(axis=2)
+            weights = np.add(weights, change, out=history[k % _CHECKED])
+            if (k + 1) % _CHECKED == 0 or k + 1 == len(firsts):
+                peaks[k - k % _CHECKED : k + 1] = np.abs(history[: k % _CHECKED + 1]).max(axis=2)
         return peaks, weights
 
     def _adapt_one(
@@ -239,7 +241,7 @@ class Nlms(BlockLms):
 
     name = "nlms"
     style = PlotStyle("#56B4E9", "D", (0, (5, 1.5)))
-    _confirmed_pfa = 1e-4  # that noise alone shows a pair of cells as strong
+    _confirmed_pfa = 1e-4  # probability per pair of cells that noise alone is as strong
 
     def __init__(
         self,
@@ -263,8 +265,8 @@ class Nlms(BlockLms):
     def _gains(self, line: np.ndarray) -> np.ndarray:
         power = line.real.astype(float) ** 2 + line.imag.astype(float) ** 2
         energy = np.concatenate([np.zeros((len(line), 1)), np.cumsum(power, axis=1)], axis=1)
-        in_taps = energy[:, self.length :] - energy[:, : -self.length]  # of one tap vector
+        in_taps = energy[:, self.length :] - energy[:, : -self.length]  # energy of each tap vector
         trace = np.add.reduceat(in_taps, np.arange(0, in_taps.shape[1], self.block), axis=1)
-        # differences of a running sum know no block that is far weaker than the frame
+        # differences of a running sum have no digits left for a block that is far weaker than the frame
         floor = 1e-12 * (1.0 + energy[:, -1:])
         return (self.step / np.maximum(trace, floor)).astype(np.complex64)

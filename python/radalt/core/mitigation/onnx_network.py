@@ -19,11 +19,12 @@ from .base import MitigationError
 
 __all__ = ["PROVIDERS", "OnnxNetwork", "gpu_there"]
 
-# ONNX Runtime's packages tell their maker of every session unless this says no before they are imported
+# ONNX Runtime's packages report every session to their maker unless this is set before they are imported.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 _CPU = "CPUExecutionProvider"
-PROVIDERS = {"cpu": (_CPU,), "cuda": ("CUDAExecutionProvider", _CPU)}  # of ONNX Runtime, first choice first
+# ONNX Runtime's execution providers by option, first choice first.
+PROVIDERS = {"cpu": (_CPU,), "cuda": ("CUDAExecutionProvider", _CPU)}
 _LOG = logging.getLogger(__name__)
 
 

@@ -25,26 +25,26 @@ from .base import Mitigation, MitigationError
 
 __all__ = ["OwnProcess"]
 
-_FRAMES = 64  # that the shared memory holds, each received and cleaned
-_START_S = 120.0  # a method that is not built by then is given up
-_END_S = 5.0
-# Messages are bytes, since pickled objects cost a tenth of a frame. Requests: the method's making (pickled), then a
-# span of frames or one of these two words; answers: nanoseconds of CPU time and diverged frames, a status (pickled),
-# or the text of an error, told apart by their first byte.
+_FRAMES = 64  # received frames, and cleaned frames, in the shared memory
+_START_S = 120.0  # longest wait until a method is built, s: a network on a loaded machine takes tens
+_END_S = 5.0  # longest wait until a closed process has ended, s
+# Messages are bytes, since pickled objects cost a tenth of a frame. Requests: the method's parameters (pickled), then a
+# span of frames or one of these two words. Answers, distinguished by their first byte: nanoseconds of CPU time and
+# diverged frames, a status (pickled), or the text of an error.
 _RESET, _STATUS = b"reset", b"status"
 _SPAN, _DONE = struct.Struct("<ii"), struct.Struct("<cqq")
-# of linear algebra: matrices are small, and a second thread would take the flowgraph's core
+# Environment for one thread of linear algebra: matrices are small, and a second would take the flowgraph's core.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-# what the process runs: this module by the parent's name of it and path to it, so that the parent's plugins register
-# with the same package; no GNU Radio
+# Program of the process. It imports this module by the parent's name and path, so that the parent's plugins register
+# with the same package, and no GNU Radio.
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link}, {memory})"
 
 
 class OwnProcess(Mitigation):
     """Any registered method, computed by a process of its own; the results are the method's, bit for bit.
 
-    The threads of a flowgraph share one interpreter and wait for each other. A process shares nothing but the frames,
-    which pass through memory that both have mapped: one copy each way, no pickling.
+    The threads of a flowgraph share one interpreter and wait for each other. A process shares the frames only, through
+    memory that both have mapped: one copy each way, no pickling.
 
     Parameters
     ----------

@@ -16,8 +16,10 @@ from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 __all__ = ["LinearPrediction", "NlmsPredictor"]
 
 _BLOCK = 8  # samples with the same weights: 20 and more are unstable on a tone at a step of 0.1
-_TAPER = 0.1  # share of the frame: more would shape the return, whose frequencies come one after the other
-_ROUNDING = 1e-12  # of a frame's power, added to lag 0: rounding makes the lags of a tone no autocorrelation
+_TAPER = (
+    0.1  # tapered share of the frame: more would weight the return, which sweeps through the band in time
+)
+_ROUNDING = 1e-12  # share of a frame's power added to lag 0: rounding leaves a tone's lags indefinite
 
 
 class NlmsPredictor(Mitigation):

@@ -22,14 +22,12 @@ from .base import MitigationError
 
 __all__ = ["LIMIT_S", "MOST_BYTES", "rehearse"]
 
-LIMIT_S = 60.0  # for loading and one frame; a network takes a second or two
-_METHODS = {
-    "method file": ("custom", "file"),
-    "tcae model": ("tcae", "model"),
-}  # and the option that names a file
+LIMIT_S = 60.0  # longest time for loading and one frame, s; a network takes a second or two
+# Method of each kind of file, and its option that names the file.
+_METHODS = {"method file": ("custom", "file"), "tcae model": ("tcae", "model")}
 MOST_BYTES = {"method file": 4 << 20, "tcae model": 2 << 30}
 _FLAG = "RADALT_REHEARSAL"
-# by the name that the parent knows the package by, since a file may name the package, too
+# The process imports the package by the parent's name for it, since a file may name the package, too.
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; perform({link})"
 
 
@@ -68,7 +66,7 @@ def _rehearsed(what: str, file: Path, changed_ns: int, size: int, waveform: Wave
     """What is wrong with a file, by its name, time and size; empty for nothing."""
     read, write = os.pipe()
     program = _PROGRAM.format(path=sys.path, module=__name__, link=write)
-    word = secrets.token_hex(8)  # that it got to the end: foreign code may exit with any status
+    word = secrets.token_hex(8)  # proof that it got to the end: foreign code may exit with any status
     method, key = _METHODS[what]
     request = {
         "method": method,

@@ -20,11 +20,12 @@ from .interference_detector import InterferenceDetector
 
 __all__ = ["ShiftCheck"]
 
-_SHIFT_CELLS = 5.0  # of resolution; 3, 5 and 8 find the same
+_SHIFT_CELLS = 5.0  # shift, resolution cells; 3, 5 and 8 find the same
 _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
-_SLOW_M_PER_S = 10.0  # what an aircraft does in almost every frame
-_PFA = 20.0 * AltimeterSettings.pfa_per_frame  # so that nothing is declared that is not looked at here
-# at which a received frame has to show a weak peak: at `_PFA` there are five times as many inventions
+_SLOW_M_PER_S = 10.0  # vertical speed that almost no frame of a flight exceeds
+# so low a threshold that whatever is declared later is checked here
+_PFA = 20.0 * AltimeterSettings.pfa_per_frame
+# False alarms per frame at which a received frame has to show a weak peak: `_PFA` passes five times as many inventions.
 _WEAK_PFA = 5.0 * AltimeterSettings.pfa_per_frame
 
 
@@ -42,13 +43,13 @@ class ShiftCheck:
     where a cell is wider than the Doppler of 10 m/s (in a longer sweep no return's halves agree).
     The altitudes have to agree within a quarter of a resolution cell (5 m). A frame without a declared altitude passes.
 
-    Costs a second run of the network in frames that show interference, a transform, and two calls of an altimeter.
+    Costs a second run of the network in frames that show interference, an FFT, and two calls of an altimeter.
     """
 
     def __init__(self, waveform: Waveform) -> None:
         searches = [(FASTEST_M_PER_S, _PFA)]
         if waveform.vertical_speed_to_doppler_hz(_SLOW_M_PER_S) * waveform.sweep_s / 2.0 < 1.0:
-            # with partners for Doppler a pair's threshold is higher: as high as this one's at a twentieth of the rate
+            # allowing Doppler raises a pair's threshold, to that of this search at a twentieth of the rate
             searches.append((0.0, _PFA / 20.0))
 
         def altimeters(share: float) -> list[Altimeter]:
@@ -70,7 +71,7 @@ class ShiftCheck:
         self._down = self._up.conj()
         half = waveform.samples_per_half
         self._mix = waveform.reference[half:].conj()
-        # of a beat in the middle of the span from one sample to the next, conjugate
+        # conjugate phase step per sample of a beat in the middle of the span
         self._middle = np.exp(
             -2j * np.pi * float(waveform.altitude_to_beat_hz(0.5 * top_m)) / waveform.rate_hz
         )
@@ -107,7 +108,7 @@ class ShiftCheck:
             found, again = altitude[:n], altitude[n:]  # NaN where nothing is found
             if moving_m is None:
                 moving_m = again
-            # halves may agree to a cell before and just not afterwards: a long sweep sees a speed as that
+            # halves that agree to a cell before may just disagree afterwards: in a long sweep by the speed
             again = np.where(result["reason"][n:] == Reason.SWEEPS_DISAGREE, moving_m, again)
             held &= ~declared[:n] | (np.abs(again - found) <= self._tolerance_m)
             weak = held & shown & declared[:n] & ~(result["snr_db"][:n] >= _WEAK_DB)
@@ -121,7 +122,9 @@ class ShiftCheck:
     ) -> np.ndarray:
         """(k, N) frames shifted by the altitude, cleaned, and shifted back."""
         out = np.zeros_like(frames)
-        with np.errstate(over="ignore", invalid="ignore"):  # 1e38 turned by 45 degrees does not fit
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # a rail of 1e38 overflows when its phase is rotated
             there = np.where(self._is_low(cleaned)[:, None], self._up, self._down)
             moved = frames * there
             fits = finite_frames(moved)

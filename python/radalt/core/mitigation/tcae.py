@@ -14,6 +14,7 @@ from ..parsing import shown
 from ..waveform import Waveform
 from .any_sweep import layout_of, resampled, tables_of
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale
+from .input_scaler import NORMALISATIONS, InputScaler
 from .interference_detector import InterferenceDetector
 from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there
 from .rehearsal import rehearse
@@ -32,17 +33,12 @@ CONTRACT_KEYS = (
 _MOST_THREADS = 64
 ANY = "any"  # in the metadata of a network that serves every sweep
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
-_TINY = float(np.finfo(np.float32).tiny)
-_SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
-# What a frame's dither is drawn by: its first samples, so fine that noise 70 dB below the frame changes them.
-_FINE = 2.0**14
-_DRAW = ((1, 31, 1021, 7919), (4099, 127, 257, 2053))
-_APART = 2500  # samples between the three whose modulus is compared first
+_APART = 2500  # samples between the three whose modulus is compared first, for speed
 _LOUD = 1e15  # scale from which a network's output may leave float32
-# what is no return over what is, in an output, above which the altimeter alone reads more of the frames in white noise
+# Power beside the return over the return's in an output, dB, from which the altimeter alone is better in white noise.
 _LOST_DB = -1.0
-_EVERY = 7  # one sample of an output in so many tells that within 0.3 dB; its filterbank has a period of 30
-NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
+# Stride in samples at which an output is checked: within 0.3 dB of all samples, prime to the filterbank's period, 30.
+_EVERY = 7
 
 
 def default_model_path(waveform: Waveform | None = None, *, gpu: bool = False) -> Path:
@@ -108,7 +104,7 @@ class Tcae(Mitigation):
     skip_white : bool or None
         Frames that hold nothing but a return and white noise pass unchanged (`InterferenceDetector.white`), counted
         in ``skipped_frames``: what is not touched costs nothing and holds no invention. None: on for a network of any
-        sweep. 5G wider than the sweep looks white, too.
+        sweep. 5G wider than the sweep is white, too.
 
     skip_lost : bool or None
         A frame in white noise passes unchanged only where the network leaves nearly as much beside the return as the
@@ -168,8 +164,7 @@ class Tcae(Mitigation):
             layout = layout_of(waveform, span_m)
             self._samples = layout.samples
             self._network.serve(layout.samples, tables_of(waveform, layout))
-        self._dither = None if dither_db is None else _dither(self._samples, dither_db)
-        self.normalisation = self.metadata["radalt_normalisation"]
+        self._scaler = InputScaler(self.metadata["radalt_normalisation"], self._samples, dither_db)
         self.sha256 = hashlib.sha256(self.model.read_bytes()).hexdigest()
         default = _is_default(self.sha256)
         skips = any_sweep if skip_white is None else skip_white
@@ -233,7 +228,7 @@ class Tcae(Mitigation):
         """See `Mitigation._processed_into`; frames that need nothing but the network are written where they belong."""
         plain = self._detector is None and self._white is None and self._shift_check is None
         if plain and frames.shape[-1] == self._samples:
-            filled = self._filled(frames)  # reads them; whatever looks at them next finds them in the cache
+            filled = self._filled(frames)  # first, so that the next reader finds the frames in the cache
             if all(map(math.isfinite, filled[0])) and not _constant_modulus(frames).any():
                 self.frames += len(frames)
                 self._run(filled, out)
@@ -292,63 +287,20 @@ class Tcae(Mitigation):
 
         The level of a frame that is not finite is NaN.
         """
-        levels, scales = zip(*map(self._fill, self._network.planes(len(batch)), batch), strict=True)
-        return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)  # of both rails, or of each
+        levels, scales = zip(*map(self._scaler.fill, self._network.planes(len(batch)), batch), strict=True)
+        # one scale per frame, or one per rail
+        return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)
 
     def _run(self, filled: tuple[tuple[float, ...], np.ndarray], out: np.ndarray) -> np.ndarray:
         """What was filled through the network into ``out`` (n, N); returns that."""
         levels, scale = filled
         cleaned = self._network.run(len(out))
-        # what a network makes of 1e38 need not fit a float32; asked first, since errstate costs as much as a pass
+        # a network's output for 1e38 may exceed float32; checked first, since errstate costs as much as a pass
         with np.errstate(over="ignore") if max(levels) > _LOUD else nullcontext():
             for frame, rails, factor in zip(out, cleaned, scale, strict=True):  # each stays in the cache
                 np.multiply(rails[0], factor[0], out=frame.real)
                 np.multiply(rails[1], factor[-1], out=frame.imag)
         return out
-
-    def _fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
-        """Normalise a frame (N,) into rails (2, N) and add the dither; its level and the factor that undoes the scale.
-
-        The factor is 0 for a frame of zeros, for which a network may put out a signal.
-        """
-        rails[0], rails[1] = frame.real, frame.imag
-        level = _level(rails)
-        if level == 0.0 or math.isnan(level):
-            rails[:] = 0.0
-            return level, 0.0 * self._scale(rails, 1.0)
-        scale = self._scale(rails, level)
-        rails /= scale
-        if self._dither is not None:
-            dither = self._dither_of(rails)
-            if self.normalisation != "joint_rms":  # the frame has no unit power
-                dither = dither * np.sqrt(2.0 * np.mean(rails**2))
-            rails += dither
-        return level, scale
-
-    def _dither_of(self, rails: np.ndarray) -> np.ndarray:
-        """(2, N) dither that a normalised frame begins anywhere in, by its own noise: a function of the frame.
-
-        Were it the same in every frame, its spectrum would be too, and its highest cells lines that stay for seconds.
-        """
-        first = rails[:, : len(_DRAW[0])].tolist()  # plain numbers: arrays so short take five times as long
-        start = sum(
-            draw * round(_FINE * value)
-            for draws, values in zip(_DRAW, first, strict=True)
-            for draw, value in zip(draws, values, strict=False)
-        )
-        start %= self._samples
-        return self._dither[:, start : start + self._samples]
-
-    def _scale(self, rails: np.ndarray, level: float) -> float | np.ndarray:
-        """Scalar, (1, 1), or (2, 1) where I and Q differ: what a frame (2, N) is divided by before the network."""
-        if self.normalisation == "none":
-            return 1.0
-        if self.normalisation == "joint_rms":
-            return level
-        peak = np.maximum(rails.max(axis=1, keepdims=True), -rails.min(axis=1, keepdims=True))
-        if self.normalisation == "joint_peak":
-            peak = peak.max(keepdims=True)
-        return np.where(peak >= _TINY, peak, np.float32(1))
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`: model file, hash, providers, threads."""
@@ -368,7 +320,7 @@ class Tcae(Mitigation):
 def _constant_modulus(batch: np.ndarray) -> np.ndarray:
     """(n,) bool: frames (n, N) whose modulus stays within a thousandth; three samples decide for almost all.
 
-    They are looked at as plain numbers: behind a run of the network, arrays so short cost eight times as much.
+    They are compared as plain numbers: after a run of the network, arrays so short cost eight times as much.
     """
     if not any(map(_even_few, batch[:, ::_APART].tolist())):
         return np.zeros(len(batch), dtype=bool)
@@ -387,27 +339,3 @@ def _even_few(samples: list[complex]) -> bool:
 def _even(modulus: np.ndarray) -> np.ndarray:
     top = modulus.max(axis=1)
     return top - modulus.min(axis=1) <= 1e-3 * top
-
-
-def _level(rails: np.ndarray) -> float:
-    """Root mean square magnitude of a frame (2, N) float32; 0 where it is zero or denormal, NaN where not finite.
-
-    Squares in float32, in one pass; a frame whose squares leave its range is scaled by its peak first.
-    """
-    flat = rails.reshape(-1)
-    energy, peak = float(np.einsum("i,i", flat, flat)), 1.0
-    if not _SAFE_ENERGY[0] < energy < _SAFE_ENERGY[1]:
-        peak = float(np.abs(flat).max())
-        if peak < _TINY:
-            return 0.0
-        if not math.isfinite(peak):
-            return math.nan
-        flat = flat / peak
-        energy = float(np.einsum("i,i", flat, flat))
-    return peak * math.sqrt(energy / rails.shape[1])
-
-
-def _dither(samples: int, level_db: float) -> np.ndarray:
-    """(2, 2 samples) float32 white noise of a fixed seed, complex power ``level_db``, twice the same."""
-    noise = np.random.default_rng(0x7CAE).standard_normal((2, samples))
-    return np.tile((noise * 10.0 ** (level_db / 20.0) / np.sqrt(2.0)).astype(np.float32), 2)

@@ -10,8 +10,10 @@ from .base import Mitigation, MitigationError, PlotStyle, rail_peak, unit_peak
 
 __all__ = ["Whitening"]
 
-_SEAM_S = 5e-6  # within which the filter's response decays; a return loses 0.05 dB
-_GAINS = 4  # frames whose gains are made at once, in arrays that stay in a cache: 0.98 of the time of sixteen at once
+_SEAM_S = 5e-6  # decay time of the filter's response, s; a return loses 0.05 dB
+_GAINS = (
+    4  # frames whose gains are computed at once, in arrays that fit the cache: 0.98 of the time of sixteen
+)
 
 
 class Whitening(Mitigation):
@@ -85,7 +87,7 @@ class Whitening(Mitigation):
         total = np.add.reduce(smooth, axis=1, keepdims=True)  # half the time of `mean`
         cells = np.float32(smooth.shape[1])
         smooth *= cells / np.where(total > 0, total, cells)
-        # floor: cells 60 dB under the mean are not worth raising to it
+        # floor 60 dB below the mean: weaker cells are not raised to it
         np.maximum(smooth, self._floor, out=smooth)
         # exp and log of float32 are vectorised, a power is not and costs as much as a transform
         np.log(smooth, out=smooth)

@@ -7,7 +7,7 @@
 
 from .files import check_file, load_yaml, read_bytes, read_text
 from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
-from .messages import InputError, shown
+from .messages import InputError, check_range, shown
 
 __all__ = [
     "LARGEST",
@@ -15,6 +15,7 @@ __all__ = [
     "arguments",
     "build",
     "check_file",
+    "check_range",
     "convert",
     "load_yaml",
     "plain",

@@ -6,7 +6,7 @@ import re
 import reprlib
 from typing import Any
 
-__all__ = ["CONTROL", "InputError", "shown"]
+__all__ = ["CONTROL", "InputError", "check_range", "shown"]
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
@@ -28,3 +28,24 @@ def shown(value: Any) -> str:
         text = f"a {type(value).__name__} too long to show"
     text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:
+    """Check attributes of ``owner`` against their (lowest, highest), both allowed; None is no value and passes.
+
+    Raises
+    ------
+    ValueError
+        One line: ``where.name``, value and limits; also for NaN.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> check_range("radio", SimpleNamespace(gain_db=99.0), gain_db=(0.0, 89.75))
+    Traceback (most recent call last):
+    ValueError: radio.gain_db is 99; it has to be within 0..89.75
+    """
+    for name, (low, high) in limits.items():
+        value = getattr(owner, name)
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{where}.{name} is {value:g}; it has to be within {low:g}..{high:g}")

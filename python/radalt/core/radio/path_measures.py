@@ -1,6 +1,6 @@
-"""What a receiver's samples say of the path: power, clipping, lines, flatness, IQ image, a burst's share of the time.
+"""Measures of the path from received samples: power, clipping, lines, flatness, IQ image, duty cycle of bursts.
 
-Powers are relative to full scale: a complex sample of magnitude 1 is 0 dBFS. Samples that are NaN are missing.
+Powers are relative to full scale: a complex sample of magnitude 1 is 0 dBFS. NaN stands for missing samples.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from ..waveform import Waveform
 
 __all__ = ["burst_share", "clipped_percent", "db", "mean_power", "ripple_and_image", "strongest_lines"]
 
-_RAIL = 0.998  # of full scale: a 12-bit converter ends at 2047 / 2048
-_INNER = 0.8  # of the band; beyond, the radios' half-band filters roll off
-_PIECES = 30  # of the band, in which the flatness is averaged
-_SMOOTH = 75  # samples of an envelope's mean, some symbols of any interferer
-_BURST = 0.1  # of the burst's power, above which it is taken to be on
+_RAIL = 0.998  # share of full scale that counts as clipped: a 12-bit converter ends at 2047 / 2048
+_INNER = 0.8  # share of the band that is measured; beyond it the radios' half-band filters roll off
+_PIECES = 30  # pieces of the band in which the flatness is averaged
+_SMOOTH = 75  # length of the envelope's running mean, samples: some symbols of any interferer
+_BURST = 0.1  # share of the burst's power above which the burst counts as on
 
 
 def db(power: float) -> float:
@@ -24,7 +24,7 @@ def db(power: float) -> float:
 
 
 def mean_power(samples: np.ndarray) -> float:
-    """Mean power of the samples that are there; 0 without any."""
+    """Mean power of the samples that are not missing; 0 without any."""
     there = samples[np.isfinite(samples)]
     return float(np.mean(np.abs(there) ** 2)) if there.size else 0.0
 

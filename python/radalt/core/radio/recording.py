@@ -34,10 +34,9 @@ _TIMED = (
 )
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,18}))?Z?")
 _MOST_INDEX = 1 << 60  # largest sample counter: sums of two stay within 64 bits
-# valid values of `RADIO_KEYS`: as of a calibration, and beyond every converter's scale
+# Settings for the replay of a radio's recording, and their limits: the latency that was subtracted, the full scale.
 _RADIO_RANGES = {"calibration_samples": (-1e9, 1e9), "full_scale": (1e-9, 1e9)}
-# for the replay of a radio's recording: the calibrated latency, where one was subtracted, and the full scale
-RADIO_KEYS = ("calibration_samples", "full_scale")
+RADIO_KEYS = tuple(_RADIO_RANGES)
 
 
 class RecordingError(ValueError):
@@ -331,11 +330,10 @@ def _checked(file: SigmfFile) -> Capture:
     if scene is not None:
         _check_ours(file, scene)
     radio = {}
-    for key in RADIO_KEYS:
+    for key, (low, high) in _RADIO_RANGES.items():
         value = head.get(f"radalt:{key}")
         if value is None:
             continue
-        low, high = _RADIO_RANGES[key]
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
             raise RecordingError(
                 f"{meta}: radalt:{key} is {shown(value)}; it has to be a finite number within {low:g}..{high:g}"

@@ -99,9 +99,8 @@ class TransmitGate:
         """(n,) complex64 ``samples``, or zeros, into ``out`` of the same shape."""
         if self.why_closed is None and len(samples):
             rails = samples.view(np.float32)
-            largest = max(
-                float(rails.max()), -float(rails.min())
-            )  # NaN propagates and fails every comparison
+            # NaN propagates and fails every comparison
+            largest = max(float(rails.max()), -float(rails.min()))
             if not np.isfinite(largest):
                 # UHD's conversion of NaN to the converter's integers is undefined
                 self.close("transmit stopped: a sample that is not finite; start again")

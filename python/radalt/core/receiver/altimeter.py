@@ -15,8 +15,9 @@ from scipy import fft, special
 from ..waveform import Waveform, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, SPEED_M_PER_S, AltimeterSettings, Reason
 from .beat_spectra import SHAPE_POINTS, BeatSpectra, Spectra
-from .cfar import Cfar, Significance, pair_threshold, upcrossings
+from .cfar import Cfar, Significance
 from .extended_peak import centroid_of, edge_of
+from .pair_threshold import pair_threshold, upcrossings
 from .sweep_pairing import FLOOR, Found, PairSearch
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
@@ -56,9 +57,8 @@ class Altimeter(BeatSpectra):
         cell_m = float(waveform.beats_to_altitude_m(self.cell_hz, -self.cell_hz))
         self._near = max(_NEAR_M, 0.25 * waveform.range_resolution_m) / cell_m
         named = self.settings.max_vertical_speed_m_per_s
-        self.frame_speed_m_per_s = (
-            SPEED_M_PER_S if named is None else named
-        )  # allowed where a call names none
+        # allowed where a call names none
+        self.frame_speed_m_per_s = SPEED_M_PER_S if named is None else named
         self._search = self._search_within((-self.frame_speed_m_per_s, self.frame_speed_m_per_s))
         self.pair_threshold = self._search.pair_threshold  # on the sum of both half sweeps' significance
 
@@ -90,11 +90,11 @@ class Altimeter(BeatSpectra):
                 self._searches.clear()
             partners = (most - least) / self._per_resolution
             s = self.settings
-            # as many as have an altitude that `_inside` lets pass
+            # number of cells whose altitude `_inside` accepts
             cells = 1.0 + (s.max_altitude_m - s.min_altitude_m) / self.waveform.range_resolution_m
             level, lower = (
                 pair_threshold(s.pfa_per_frame, cells, partners, share * self._crossings, FLOOR)
-                for share in (1.0, 0.25)  # of a half sweep, over which cells are correlated
+                for share in (1.0, 0.25)  # noise over the whole half sweep, and over a quarter of it
             )
             self._searches[least, most] = PairSearch(
                 cfar=self.cfar,
@@ -205,7 +205,7 @@ class Altimeter(BeatSpectra):
         frame_index : (n,) int, optional
             Copied into the results; default 0, 1, ...
         vertical_speed_m_per_s : (float, float), optional
-            Least and greatest range rate that these frames can have, as a track knows it; default
+            Least and greatest range rate that these frames can have, known from a track; default
             ``-frame_speed_m_per_s..frame_speed_m_per_s``, at most ``speed_limit_m_per_s`` either way. A narrower
             interval lowers the threshold at equal false alarms and leaves fewer grating lobes that pass for a speed.
 
@@ -288,7 +288,7 @@ class Altimeter(BeatSpectra):
         """
         spectra = self.spectra(cleaned)
         after = self.significance(spectra)
-        limit = self.speed_limit_m_per_s  # of calls that name a speed, too
+        limit = self.speed_limit_m_per_s  # calls that name a speed allow as much
         found = self._search_within((-limit, limit))(spectra.power, after)
         declared = np.isin(found.reason, (Reason.OK, Reason.AMBIGUOUS))
         nothing = found.reason == Reason.NO_DETECTION
@@ -305,7 +305,7 @@ class Altimeter(BeatSpectra):
         power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
         noise = np.take_along_axis(before.noise, pair[..., None], axis=-1)[..., 0]
         strong = ((power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)).all(axis=-1)
-        least = special.gammainccinv(2.0, pfa)  # of the sum of two exponentials
+        least = special.gammainccinv(2.0, pfa)  # threshold on the sum of two exponentials
         strong &= _joint(before, pair) + before.spared >= least
         beats = self.beat_hz[pair + self.cfar.margin]
         nothing[at] = strong & self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
@@ -384,7 +384,9 @@ class Altimeter(BeatSpectra):
 
     def _centroid(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) power centroids over the cells around the peak that stay above a tenth of it."""
-        return self._over_clusters(spectra, pair, centroid_of)
+        cells = pair + self.cfar.margin
+        centres = [centroid_of(spectra.power[at], int(cell)) for at, cell in np.ndenumerate(cells)]
+        return self.beat_hz[0] + self.cell_hz * np.reshape(centres, cells.shape)
 
     def _leading_edge(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) beats of the nearest target on the rise of the cluster that holds the peak."""
@@ -398,19 +400,10 @@ class Altimeter(BeatSpectra):
         edges = np.empty(cells.shape)
         for at, cell in np.ndenumerate(cells):
             power = lobes[0] + blind[at] * (lobes[1] - lobes[0])
-            loss = np.interp(straddle[at], distance[::-1], power[::-1])  # of a peak between two cells
+            loss = np.interp(straddle[at], distance[::-1], power[::-1])  # straddling loss
             row = spectra.power[at]
             edges[at] = edge_of(row, int(cell), float(row[cell] / loss), (power, distance))
         return self.beat_hz[0] + self.cell_hz * edges
-
-    def _over_clusters(self, spectra: Spectra, pair: np.ndarray, rule) -> np.ndarray:  # noqa: ANN001
-        """Apply a rule (power of one half, peak cell) -> fractional cell to every half of every frame."""
-        cells = pair + self.cfar.margin
-        out = np.empty(cells.shape)
-        for row, halves in enumerate(cells):
-            for half, cell in enumerate(halves):
-                out[row, half] = rule(spectra.power[row, half], int(cell))
-        return self.beat_hz[0] + self.cell_hz * out
 
     @cached_property
     def _main_lobes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Settings and results of the altimeter: what it looks for, and how a frame's outcome is written down."""
+"""Settings of the altimeter, and the record of one frame's result."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..parsing import LARGEST, check_range
 from ..waveform import Waveform
 
 __all__ = ["FASTEST_M_PER_S", "AltimeterSettings", "RESULT_DTYPE", "Reason", "pfa_is_per_frame"]
@@ -55,7 +56,7 @@ RESULT_DTYPE = np.dtype(
 
 @dataclass(frozen=True)
 class AltimeterSettings:
-    """How the altimeter looks for a return.
+    """How the altimeter searches for a return.
 
     Parameters
     ----------
@@ -102,19 +103,14 @@ class AltimeterSettings:
             raise ValueError(f"altimeter.strategy is {self.strategy!r}; allowed: {', '.join(STRATEGIES)}")
         if self.window not in ("hann", "hamming", "blackman", "boxcar"):
             raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
-        if not 1e-9 <= self.pfa_per_frame <= 0.5:
-            raise ValueError(
-                f"altimeter.pfa_per_frame is {self.pfa_per_frame!r}; it has to be within 1e-9..0.5"
-            )
-        if not (1 <= self.train_cells <= 256 and 0 <= self.guard_cells <= 256):
-            raise ValueError(
-                f"altimeter.train_cells {self.train_cells:g} has to be within 1..256, guard_cells "
-                f"{self.guard_cells:g} within 0..256"
-            )
-        if self.max_vertical_speed_m_per_s is not None and self.max_vertical_speed_m_per_s < 0:
-            raise ValueError(
-                f"altimeter.max_vertical_speed_m_per_s is {self.max_vertical_speed_m_per_s:g}; it has to be 0 or more"
-            )
+        check_range(
+            "altimeter",
+            self,
+            pfa_per_frame=(1e-9, 0.5),
+            train_cells=(1, 256),
+            guard_cells=(0, 256),
+            max_vertical_speed_m_per_s=(0.0, LARGEST),
+        )
 
     def resolved(
         self,

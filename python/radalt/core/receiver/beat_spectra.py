@@ -27,7 +27,7 @@ from .decimator import Decimator
 __all__ = ["SHAPE_POINTS", "BeatSpectra", "Spectra"]
 
 SHAPE_POINTS = 1 << 15
-_MOST_BLIND = 0.1  # of a half sweep: what is left out for the other slope, at most
+_MOST_BLIND = 0.1  # largest blind part over the half sweep
 _CLOSE = 0.01  # cycles that a return may be off its beat's phase at the beginning of a half sweep
 _LARGEST_HEAD = 1 << 22  # entries of the table that leaves out each cell's own delay: 32 MB
 _SOFT = 0.05  # singular values below this share of the largest only sharpen the edge of what is left out
@@ -79,7 +79,7 @@ class BeatSpectra:
         w, s = self.waveform, self.settings
         cell_hz = 1.0 / w.half_sweep_s
         named = s.max_vertical_speed_m_per_s
-        # of a track, or of a call that names it; a frame without allows less
+        # the limit for tracks, and for calls that name a speed; a single frame is allowed less
         self.speed_limit_m_per_s = FASTEST_M_PER_S if named is None else named
         self.doppler_limit_hz = float(w.vertical_speed_to_doppler_hz(self.speed_limit_m_per_s))
         low, high = (float(w.altitude_to_beat_hz(a)) for a in (s.min_altitude_m, s.max_altitude_m))
@@ -121,7 +121,7 @@ class BeatSpectra:
         self._table = table.astype(np.complex64)
         turns = np.exp(-2j * np.pi * self._bins * self.cell_hz / w.rate_hz)
         response = np.polynomial.polynomial.polyval(turns, self.decimator.taps)
-        # of power: as the filter left it, and as noise is left by a blind part
+        # equalises power for the filter's response and for the noise that the blind part removes
         energy = np.cumsum(np.concatenate([[0.0], window**2]))
         own = 0.0 if self._head is None else self._blind_samples(self.beat_hz)
         left = 1.0 - np.interp(own, np.arange(half + 1), energy / energy[-1])

@@ -1,6 +1,4 @@
-"""Constant false-alarm rate: noise level of every beat cell, how unlikely noise is to reach a cell's power, and the law
-that gives the threshold on the sum of both half sweeps.
-"""
+"""Constant false-alarm rate: noise level of every beat cell, and the probability that noise reaches a cell's power."""
 
 from __future__ import annotations
 
@@ -9,24 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Cfar", "Significance", "pair_threshold", "support_of", "upcrossings"]
+__all__ = ["Cfar", "Significance", "repeated", "support_of"]
 
 _BLOCK = 8.0  # resolution cells in a block of the test for colour
 _QUARTILES = 1.35  # standard deviations between the quartiles of a normal distribution
-# spread of block levels over that of white noise: up to here white, from here coloured
+# Spread of block levels over that of white noise: white up to the first value, coloured from the second on.
 _WHITE, _COLOURED = 1.5, 3.5
-_FEWEST_BLOCKS = 4  # that colour is told from
-_LOCAL = 0.6  # share of its training cells that a local level counts for: the level bends over them
-_FEWEST = 4.0  # looks that a noise level has at least
-_NEAR = 8.0  # resolution cells to either side of a return that do not count where the span is held against the rest
-# resolution cells to either side of a block within which a return's own side lobes count as colour
+_FEWEST_BLOCKS = 4  # least number of blocks for a test of colour
+_LOCAL = 0.6  # independent share of a local level's training cells: the level varies over them
+_FEWEST = 4.0  # least looks of a noise level
+_NEAR = 8.0  # resolution cells to either side of a return that are left out where the span is compared with the rest
+# Resolution cells from a block to a return, up to which the return's side lobes may colour the block.
 _LOBES = 12.0
 _QUIETER = 2.0  # standard deviations by which cells beyond the span have to be quieter
 _NARROWEST = 0.05  # least support of a half sweep
-_ROUNDING = 1e-9  # of the mean of the band, below which powers are rounding
-# Of the law's false alarms. White noise then makes 0.8 to 1.0 of the bound, 0.91 in the mean, over 14 settings of
-# speed, span, window and sweep (3,000 to 40,000 frames each).
-_HAPPENS = 0.93
+_ROUNDING = 1e-9  # least power over the mean of the band: lower ones are rounding
 _TINY = float(np.finfo(np.float32).tiny)
 
 
@@ -73,7 +68,7 @@ class Significance(NamedTuple):
         value = noise * looks
         np.divide(power, value, out=value)
         value += np.float32(1.0)
-        np.log(value, out=value)  # of float32 it is vectorised, log1p is not
+        np.log(value, out=value)  # vectorised for float32, unlike log1p
         value *= looks
         return value
 
@@ -105,7 +100,7 @@ class Cfar:
     -----
     A cell of power ``P`` over the mean of ``K`` independent noise cells exceeds ``r`` with probability
     ``(1 + r/K)^-K``, so ``K log(1 + r/K)`` is exponential of mean 1 whatever ``K`` is. Interference that lasts for a
-    share of the half sweep makes cells that are correlated over the inverse of that share: ``K`` falls with it
+    share of the half sweep gives cells that are correlated over the inverse of that share: ``K`` falls with it
     (`support_of`).
 
     White noise is averaged over the band, less what a tone of the cell's power adds to it: a level of 32 cells costs
@@ -114,9 +109,9 @@ class Cfar:
     where they are farther apart than in white noise of that support, the level comes from the cells around. A return
     fills one or two blocks and does not move the quartiles. One of a sweep in pieces fills more: `colour_beyond`.
 
-    A network that knows the span of altitudes leaves little beyond it, so that the band's mean is below the level
-    within. Blocks do not tell that where support is narrow: each has too few independent cells. `declared_level` asks
-    all cells on either side of the span's ends at once.
+    A network that was trained on a span of altitudes leaves little beyond it, so that the band's mean is below the
+    level within. Blocks do not show that where support is narrow: each has too few independent cells. `declared_level`
+    compares all cells on either side of the span's ends.
     """
 
     train: int = 16
@@ -149,7 +144,7 @@ class Cfar:
         support : (n, 2) float
             See `support_of`.
         colour : (n, 2) float, optional
-            See `Significance`; without it the band's blocks are asked.
+            See `Significance`; by default it follows from the band's blocks.
         """
         t, g, q = self.train, self.guard, self.group
         m = t + g
@@ -182,11 +177,12 @@ class Cfar:
     def declared_level(
         self, power: np.ndarray, cells: Significance, at: np.ndarray, span: slice
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Noise levels that a declaration is held against, and frames in which they are the span's own.
+        """Noise levels for a declaration, and frames in which they are the span's own.
 
         They are the span's own where the cells beyond it are quieter by two standard deviations, both half sweeps
-        together. What a method leaves there comes from all over the sweep: its cells are no fewer trials, and nothing
-        is spared. Without this, 5 % of frames of a mixture alone at INR 50 dB were declared behind the shipped network.
+        together. The residual of a method comes from all over the sweep: the number of trials is not reduced, and the
+        threshold is not lowered. Without this, 5 % of frames of a mixture alone at INR 50 dB were declared behind the
+        shipped network.
 
         Parameters
         ----------
@@ -330,79 +326,3 @@ def support_of(samples: np.ndarray, count: float) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         share = 2.0 * first**2 / (count * second)
     return np.fmax(np.fmin(share, 1.0), _NARROWEST)
-
-
-def upcrossings(window: np.ndarray) -> float:
-    """Constant ``a``: a noise spectrum crosses ``u`` upwards ``a sqrt(u) exp(-u)`` times per resolution cell.
-
-    ``a = sqrt(lambda / pi)`` with ``lambda = (2 pi)^2 var(t / T_h)`` under the squared window: the envelope of a
-    complex Gaussian process (S. O. Rice, Bell Syst. Tech. J. 24, 1945, sec. 3.8).
-    """
-    weight = np.asarray(window, dtype=float) ** 2
-    time = np.arange(weight.size) / weight.size
-    mean = np.average(time, weights=weight)
-    return float(np.sqrt(4.0 * np.pi * np.average((time - mean) ** 2, weights=weight)))
-
-
-def pair_threshold(rate: float, cells: float, partners: float, crossing: float, floor: float) -> float:
-    """Threshold on the sum of both half sweeps' significance that white noise exceeds ``rate`` times per frame.
-
-    Parameters
-    ----------
-    rate : float
-        Expected false alarms per frame.
-    cells : float
-        Resolution cells searched.
-    partners : float
-        Width of the differences between up and down cell that are searched, in resolution cells; 0 for one partner.
-    crossing : float
-        See `upcrossings`.
-    floor : float
-        Least significance that each half sweep has to show on its own.
-
-    Notes
-    -----
-    Along one difference the sum of two is a chi-square process of four degrees of freedom, which crosses ``T``
-    ``a T^1.5 exp(-T)`` times per resolution cell. Over a width of differences there is one trial per pair of local
-    maxima; a strong peak of one half sweep is counted once, however many partners lift it over ``T``. The floor leaves
-    ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. Of all that only `_HAPPENS` is asked to be within the rate: peaks
-    cluster, fall between points, and the pair of greatest power need not be the one that exceeds the floor.
-    """
-
-    def log_excess(level: float) -> float:
-        expected = _HAPPENS * _false_alarms(level, cells, partners, crossing, floor)
-        return float(np.log(expected) - np.log(rate))
-
-    # false position, the Illinois way: the logarithm is nearly a straight line. scipy.optimize takes 10 MB
-    low, high = 2.0 * floor + 1e-3, 200.0
-    above, below = log_excess(low), log_excess(high)
-    if above < 0:
-        return low
-    level = high
-    for _ in range(100):
-        before, level = level, (low * below - high * above) / (below - above)
-        excess = log_excess(level)
-        if abs(level - before) < 1e-9 or excess == 0:
-            break
-        if excess > 0:
-            low, above, below = level, excess, 0.5 * below if before < level else below
-        else:
-            high, below, above = level, excess, 0.5 * above if before > level else above
-    return level
-
-
-def _false_alarms(level: float, cells: float, partners: float, crossing: float, floor: float) -> float:
-    """Expected false alarms per frame at a threshold."""
-
-    def maxima(u: np.ndarray | float) -> np.ndarray:  # per resolution cell, above u
-        return crossing * np.sqrt(np.maximum(u, 0.5)) * np.exp(-np.asarray(u, dtype=float))
-
-    both = (level - 2.0 * floor + 1.0) / (level + 1.0) * np.exp(-level)
-    count = both * (cells * crossing * level**1.5 + 1.0 + level)
-    if partners > 0:
-        u = np.linspace(0.5 * level, level + 12.0, 600)
-        middle = 0.5 * (u[1:] + u[:-1])
-        lifted = -np.expm1(-partners * maxima(np.maximum(level - middle, floor)))
-        pairs = 2.0 * np.sum(-np.diff(maxima(u)) * lifted) - partners * maxima(0.5 * level) ** 2
-        count += cells * max(0.0, float(pairs))
-    return float(count)

@@ -11,7 +11,7 @@ from ..fir import kaiser_lowpass
 
 __all__ = ["Decimator"]
 
-_THREADS = 16  # that buffers are kept for; a flowgraph has an altimeter for each method
+_THREADS = 16  # threads for which buffers are kept; a flowgraph has an altimeter for each method
 
 
 class Decimator:

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .integrator import Integrator
+from .gate import Gate
 from .scan import Scan
-from .summed_block import Measurement
+from .summed_block import OWN_CELLS, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
@@ -17,27 +17,25 @@ __all__ = ["Deleter"]
 # Mean over ten blocks of the normalised innovation squared, above which a track contradicts its measurements. A
 # consistent track has 1 and exceeds 8 in none of 1e9 blocks (chi square of ten values).
 _INCONSISTENT = 8.0
-
-
-# Standard deviations of a prediction within which a deleted track's return is expected, and the least and largest width
-# in resolution cells: a half, since returns nearer than that are one peak; three, beyond which side lobes are examined
-# that interference covers.
 # Blocks in a row in which a place has to be vacant. One alone may be a fade; with three, a step of the ground costs one
 # output more, and no pull-off was found in which that made a difference (docs/tracker.md).
 _VACANT_BLOCKS = 2
+# Standard deviations of a prediction within which a deleted track's return is expected, and the least and largest width
+# in resolution cells: a half, since returns nearer than that are one peak; three, beyond which side lobes are examined
+# that interference covers.
 _PLACE_SIGMAS, _LEAST_PLACE_CELLS, _MOST_PLACE_CELLS = 4.0, 0.5, 3.0
 
 
 class Deleter:
-    """Ends tracks: after a time without measurements, where they contradict themselves, where the ground has stepped.
+    """Ends tracks: after a time without measurements, where measurements contradict them, at a step of the ground.
 
     A track that was certain is remembered after its end, until its place is vacant in two blocks in a row. Before that
-    its successor may be a false return that has pulled the tracker off, and is no altitude. There is no limit of time:
-    whoever pulls off can wait.
+    its successor may be a false return that has pulled the tracker off, and is no altitude. There is no time limit,
+    since a pull-off can last.
 
     Parameters
     ----------
-    tables : Integrator
+    gate : Gate
     settings : TrackerSettings
     threshold : float
         Strength from which a return can be held against a track's place.
@@ -48,8 +46,8 @@ class Deleter:
         The certain track that ended last and whose place is not vacant yet.
     """
 
-    def __init__(self, tables: Integrator, settings: TrackerSettings, threshold: float) -> None:
-        self.tables, self.settings, self.threshold = tables, settings, threshold
+    def __init__(self, gate: Gate, settings: TrackerSettings, threshold: float) -> None:
+        self.gate, self.tables, self.settings, self.threshold = gate, gate.tables, settings, threshold
         self.predecessor: Track | None = None
 
     def reset(self) -> None:
@@ -95,12 +93,17 @@ class Deleter:
             self.predecessor = None
 
     def _occupied(self, track: Track, scan: Scan, found: Measurement) -> bool:
-        """Whether something stands where a track is expected that the lobes of the strongest return do not explain."""
+        """Whether something stands where a track is expected that the lobes of the strongest return do not explain.
+
+        Within its own peak nothing else shows. What stands there is the track's return only if it moves as that did.
+        """
         t = self.tables
         row = np.array([1.0, -scan.lead_s])
         apart_m = float(row @ track.filter.mean) - found.altitude_m
         sigma_m = float(np.sqrt(row @ track.filter.covariance @ row))
         cell_m = t.waveform.range_resolution_m
         width_m = min(max(_PLACE_SIGMAS * sigma_m, _LEAST_PLACE_CELLS * cell_m), _MOST_PLACE_CELLS * cell_m)
+        if abs(apart_m) <= OWN_CELLS * cell_m and not self.gate.near_speed(track, found):
+            return True
         blocks = (scan.block,) if scan.sum_received is None else (scan.block, scan.received)
         return any(b.stands_beside(found, apart_m / t.cell_m, width_m / t.cell_m) for b in blocks)

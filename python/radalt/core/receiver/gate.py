@@ -12,13 +12,13 @@ from .track import Track
 
 __all__ = ["GATE_SIGMAS", "SPARE_SIGMAS", "Gate", "noise_threshold"]
 
-# Standard deviations of a measured speed that may lie beyond the greatest speed allowed. More would let the speed pass
-# that a grating lobe of one half sweep stands for.
+# Standard deviations by which a measured speed may exceed the greatest speed allowed. More would accept the apparent
+# speed of a grating lobe of one half sweep.
 SPARE_SIGMAS = 2.0
 GATE_SIGMAS = 4.0  # half width in standard deviations: a right measurement misses it in 6 of 100,000 blocks
-# Half width in resolution cells at most: main lobe and first grating lobes of one return lie within.
+# Largest half width, resolution cells: main lobe and first grating lobes of one return lie within.
 _WIDEST_CELLS = 2.0
-# Cells from a return to the nearest entry of the table at most: half a cell, and the grid's rounding.
+# Largest distance, cells, from a return to the nearest entry of the table: half a cell, and the grid's rounding.
 _GRID_CELLS = 0.51
 
 
@@ -40,10 +40,10 @@ class Gate:
 
     def __init__(self, tables: Integrator, pfa: float) -> None:
         self.tables, self.pfa = tables, pfa
-        # a narrow cell is crossed within an output
+        # where cells are narrow, a return crosses several within an output
         output_s = tables.frames * tables.waveform.sweep_s
         self._widest_m = max(_WIDEST_CELLS * tables.waveform.range_resolution_m, tables.max_speed * output_s)
-        # a speed lies that far from its row's at most: a row per cell (and rounding), or a row per speed under test
+        # largest distance of a speed from its row's: rows are a cell apart (and rounding), or a speed under test
         self._row_m_per_s = (
             1.01 * tables.speed_per_cell if tables.doppler else np.diff(tables.speeds).max(initial=0.0)
         )
@@ -78,6 +78,11 @@ class Gate:
         """Whether a measurement's altitude lies within a track's gate."""
         innovation, variance = track.filter.innovation(found, lead_s)
         return bool(abs(innovation) <= min(GATE_SIGMAS * np.sqrt(variance), self._widest_m))
+
+    def near_speed(self, track: Track, found: Measurement) -> bool:
+        """Whether a measurement's Doppler lies within a track's gate: no aircraft changes its speed between blocks."""
+        innovation, variance = track.filter.speed_innovation(found)
+        return not self.tables.doppler or bool(abs(innovation) <= GATE_SIGMAS * np.sqrt(variance))
 
     def allowed_speed(self, found: Measurement) -> bool:
         """Whether a measurement's speed is one that is allowed, as far as it is known."""

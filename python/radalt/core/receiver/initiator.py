@@ -16,10 +16,10 @@ from .updater import Updater
 
 __all__ = ["Initiator"]
 
-# Candidates at a time: one may be a grating lobe's, which stays as long as the interference does, so the return needs a
-# second place.
+# Number of candidates: one may be a grating lobe, which stays as long as the interference does, so the return needs a
+# second one.
 _CANDIDATES = 2
-# Share of the greatest speed that is the standard deviation of a first speed: all allowed ones lie within two.
+# Standard deviation of a first speed over the greatest speed, so that all allowed ones lie within two; least value.
 _FIRST_SPEED_SHARE, _LEAST_FIRST_SPEED_M_PER_S = 0.5, 1.0
 
 
@@ -35,7 +35,7 @@ class Initiator:
         Says which contradict themselves.
     settings : TrackerSettings
     lowest_start_m : float
-        Below it no candidate starts: leakage stands still as hovering ground does, and without a calibration nothing
+        Below it no candidate starts: leakage is as static as hovering ground, and without a calibration nothing
         distinguishes them.
 
     Attributes
@@ -64,7 +64,7 @@ class Initiator:
         self.candidates = []
 
     def update(self, scan: Scan, tracks: Sequence[Track]) -> None:
-        """Continue the candidates by a block; those go that it does not show or that are one of ``tracks``."""
+        """Continue the candidates by a block; delete those that it does not show or that are one of ``tracks``."""
         kept: list[Track] = []
         for candidate in sorted(self.candidates, key=lambda c: -c.hits):
             found = self.updater.update(candidate, scan)

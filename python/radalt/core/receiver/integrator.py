@@ -61,9 +61,8 @@ class Integrator:
         self.waveform, self.frames, self.doppler = w, frames, doppler
         self.beat_hz, self.cell_hz = altimeter.beat_hz, altimeter.cell_hz
         self.cell_m = float(w.beats_to_altitude_m(self.cell_hz, -self.cell_hz))
-        self.speed_per_cell = float(
-            w.beats_to_vertical_speed_m_per_s(self.cell_hz, 0.0)
-        )  # of up against down
+        # range rate that sets the up and the down cell of a return one cell apart
+        self.speed_per_cell = float(w.beats_to_vertical_speed_m_per_s(self.cell_hz, 0.0))
         limit = altimeter.speed_limit_m_per_s if doppler else np.inf
         self.max_speed = min(max_speed_m_per_s, limit)
         self.resolution_cells = w.range_resolution_m / self.cell_m
@@ -85,11 +84,9 @@ class Integrator:
 
     def _plan_pairs(self, altimeter: Altimeter) -> None:
         """Rows of the joint table: (speed under test, difference of up and down cell), and what each entry says."""
-        reach = (
-            min(altimeter.doppler_cells, int(self.max_speed / self.speed_per_cell + 1.01))
-            if self.doppler
-            else 1
-        )
+        reach = 1
+        if self.doppler:
+            reach = min(altimeter.doppler_cells, int(self.max_speed / self.speed_per_cell + 1.01))
         offsets = np.arange(-reach, reach + 1)
         if self.doppler:
             nearest = np.abs(offsets[:, None] * self.speed_per_cell - self.speeds).argmin(axis=1)

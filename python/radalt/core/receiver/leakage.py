@@ -1,37 +1,31 @@
-"""The transmitter's own leakage: what stands still beside the antennas, stored once and subtracted from every frame.
+"""The transmitter's own leakage, a static channel: calibrated once and subtracted from every frame.
 
-Every FMCW altimeter hears its transmitter directly, over a metre of path or so, and the echoes of its own aircraft
+Every FMCW altimeter receives its transmitter directly, over a path of about a metre, and the echoes of its own aircraft
 (landing gear) a few metres on. All of it is the transmitted sweep at fixed delays, far stronger than the ground from
-high up. It is measured once with nothing but that in view, stored, and subtracted as a complex waveform. The ground
-below keeps what it has, even at the same delays, since a stored waveform is no filter.
+high altitude. It is measured once without ground in view, stored, and subtracted as a complex waveform. The return of
+the ground keeps its power, even at the same delays, since a stored waveform is no filter.
 
-The limit is how still the leakage stands: a change of phase by ``p`` rad leaves ``20 log10 p`` dB of it.
+The limit is the stability of the leakage: a phase change of ``p`` rad leaves ``20 log10 p`` dB of it.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import legendre
 
-from ..parsing import InputError, convert, load_yaml
-from ..paths import share_dir
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
 
 __all__ = [
     "FITTED_ABOVE_M",
     "LEARN_ABOVE_M",
     "REACH_M",
-    "UNCALIBRATED",
+    "SHAPES",
     "LeakageCalibration",
     "LeakageCanceller",
     "ground_is_apart",
-    "leakage_canceller",
-    "load_leakage",
-    "store_leakage",
 ]
 
 # Delays that count as leakage, in metres of altitude from the leakage's own: cables and antennas beside each other to
@@ -40,21 +34,20 @@ NEAREST_M, REACH_M = -3.0, 15.0
 # Legendre polynomials per half sweep: a beat of half the reach has 0.45 cycles there, and what the next one would add
 # is 70 dB down (tests/test_leakage.py)
 SHAPES = 6
-# Altitude from which leakage is learned. A ground that hovers at 40 m loses 13 dB to what is learned meanwhile, one at
-# 60 m 1.5 dB, which pulls it by 3.6 m. Up to FITTED_ABOVE_M, where the pull is 0.3 m, it therefore has to move: at that
-# speed its phase turns by 46 cycles within the memory (tests/test_leakage.py).
+# Least altitude, and least vertical speed below FITTED_ABOVE_M, at which leakage is learned. A ground that hovers at
+# 40 m loses 13 dB to what is learned meanwhile, one at 60 m 1.5 dB, which pulls it by 3.6 m; at FITTED_ABOVE_M the pull
+# is 0.3 m. At this speed its phase rotates by 46 cycles within the memory (tests/test_leakage.py).
 LEARN_ABOVE_M, LEARN_SPEED_M_PER_S = 60.0, 2.0
-# What is left of a ground below, by a fit to each frame, stands up to 90 m high (tests/test_leakage.py)
+# Least altitude of a ground that a fit to each frame leaves alone: the rest of one below appears at up to 90 m
+# (tests/test_leakage.py).
 FITTED_ABOVE_M = 100.0
 # Share of a half sweep at either end that is left out. A sweep as wide as the sampled band ends in the transition of
 # the receiver's filters; what they make of 40 dB of leakage there would stand above the ground (tests/test_leakage.py).
 _EDGE = 1.0 / 60.0
-_MEMORY_FRAMES = 400  # over which leakage is averaged: noise 26 dB down, and 0.4 s to follow a change
-_RISE = 1.002  # per frame, by which the quietest frame of late may grow old
-_MOST_WAITING = 4000  # frames remembered for a tracker's word, 4 s of the default sweep
-_LEAST_FRAMES = 20  # of a calibration
-UNCALIBRATED = "uncalibrated"  # in the place of a stored calibration's name
-_FILE_KEYS = {"waveform", "installation_delay_m", "up", "down"}
+_MEMORY_FRAMES = 400  # memory of the mean, frames: noise 26 dB down, and 0.4 s to track a change
+_RISE = 1.002  # growth per frame of the quietest recent power, so that it forgets
+_MOST_WAITING = 4000  # frames that wait for a tracker's output, 4 s of the default sweep
+_LEAST_FRAMES = 20  # least frames of a calibration
 
 
 @dataclass(frozen=True)
@@ -145,18 +138,18 @@ class LeakageCalibration:
 
 
 class LeakageCanceller:
-    """Subtracts a calibrated leakage from frames, and follows it where that is safe.
+    """Subtracts a calibrated leakage from frames, and tracks its slow changes where that is safe.
 
-    A delay within `NEAREST_M` .. `REACH_M` of the leakage turns each half sweep by less than a cycle from its first to
-    its last sample. So all of them are the sweep at the middle of that reach times a few Legendre polynomials of time,
-    and a leakage is ``2 x SHAPES`` complex numbers. They are averaged, not fitted to each frame: a fit would take the
-    ground with it wherever it is as near.
+    A delay within `NEAREST_M` .. `REACH_M` of the leakage rotates the phase of a half sweep by less than a cycle from
+    its first to its last sample. All such delays are therefore the sweep at the middle of that reach times a few
+    Legendre polynomials of time, and a leakage is ``2 x SHAPES`` complex numbers. They are averaged, not fitted to each
+    frame: a fit would remove the ground as well wherever it is as near.
 
     Parameters
     ----------
     calibration : LeakageCalibration
     calibrated : bool
-        False takes the leakage out of every frame by itself, whatever its amplitude and phase (see `uncalibrated`).
+        False fits the leakage in every frame, whatever its amplitude and phase (see `uncalibrated`).
 
     Examples
     --------
@@ -199,7 +192,7 @@ class LeakageCanceller:
         return cls(LeakageCalibration(waveform, np.zeros((2, SHAPES), dtype=complex)), calibrated=False)
 
     def align(self, offset_s: float) -> None:
-        """Timing was taken anew: the leakage's line lies ``offset_s`` after a frame's first sample."""
+        """After an acquisition: the leakage's line lies ``offset_s`` after a frame's first sample."""
         w = self.waveform
         middle_s = float(altitude_to_delay_s(0.5 * (NEAREST_M + REACH_M)))
         sweep = exp_cycles(w.phase_cycles(w.sample_times_s - offset_s - middle_s)).reshape(2, -1, 1)
@@ -220,7 +213,7 @@ class LeakageCanceller:
         self.energy = float(np.sum(np.abs(self.coefficients) ** 2))
 
     def rotation(self, frame_index: np.ndarray | int) -> np.ndarray | complex:
-        """By which sweep 0's table is carried to a frame."""
+        """Phasor from sweep 0 to a frame's sweep."""
         return 1.0 if self.waveform.cycles_per_frame == 0.0 else self.waveform.frame_rotation(frame_index)
 
     def project(self, frames: np.ndarray, frame_index: np.ndarray | int = 0) -> np.ndarray:
@@ -255,7 +248,7 @@ class LeakageCanceller:
                 self._synthesise()
         return self.subtract(frame[None], frame_index)[0]
 
-    # -- following ------------------------------------------------------------------------------------------------
+    # -- tracking -------------------------------------------------------------------------------------------------
 
     def remember(self, frame: np.ndarray, frame_index: int) -> None:
         """Keep a received frame's coefficients until `learn` or `forget` says what becomes of them."""
@@ -267,11 +260,11 @@ class LeakageCanceller:
     def learn(self, first: int, last: int, due: int | None = None) -> None:
         """Average the leakage over remembered frames ``first .. last``; earlier ones are forgotten.
 
-        Only for frames in which the ground stands apart (`ground_is_apart`). A frame counts by its power against the
-        quietest of late, so that interference hardly counts, and one that is not finite not at all.
+        Only for frames in which the ground is resolved from the leakage (`ground_is_apart`). A frame's weight is the
+        quietest recent power over its own, so that interference has little; a frame that is not finite has none.
 
-        What was learned is subtracted from frame ``due`` on, or at once. With a frame that is still to come a run
-        does not depend on when its tracker's messages arrive.
+        The new mean is subtracted from frame ``due`` on, or at once. With a future frame a run does not depend on when
+        its tracker's messages arrive.
         """
         for index in sorted(self._waiting):
             if index > last:
@@ -290,7 +283,7 @@ class LeakageCanceller:
             self._due.append((due, self._learned.copy()))
 
     def forget(self, last: int) -> None:
-        """Drop remembered frames up to ``last``: the ground was not known to stand apart in them."""
+        """Drop remembered frames up to ``last``, in which the ground may not be resolved from the leakage."""
         for index in [i for i in self._waiting if i <= last]:
             del self._waiting[index]
 
@@ -305,62 +298,3 @@ def ground_is_apart(
     lowest_m = altitude_m - protection_level_m
     moves = abs(vertical_speed_m_per_s) >= LEARN_SPEED_M_PER_S
     return bool(normal) and lowest_m > (LEARN_ABOVE_M if moves else FITTED_ABOVE_M)
-
-
-# -- storage ----------------------------------------------------------------------------------------------------------
-
-
-def store_leakage(calibration: LeakageCalibration, path: Path | str) -> Path:
-    """Write a calibration as YAML; returns the file."""
-    import yaml
-
-    w = calibration.waveform
-    table = {
-        "waveform": {f.name: getattr(w, f.name) for f in fields(w)},
-        "installation_delay_m": round(float(calibration.installation_delay_m), 4),
-    }
-    for name, row in zip(("up", "down"), calibration.coefficients, strict=True):
-        table[name] = [[float(f"{c.real:.6g}"), float(f"{c.imag:.6g}")] for c in row]
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(".new")
-    new.write_text(yaml.safe_dump(table, sort_keys=False, default_flow_style=None), encoding="utf-8")
-    new.replace(path)
-    return path
-
-
-def load_leakage(name: Path | str, waveform: Waveform) -> LeakageCalibration:
-    """A stored calibration by path, or by the name of a shipped one.
-
-    Raises
-    ------
-    InputError
-        One line, if it cannot be read or belongs to another sweep.
-    """
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml") and not path.exists():
-        path = share_dir() / "flowgraphs" / "calibrations" / f"{name}.yaml"
-    what, remedy = "leakage calibration", "calibrate anew (docs/leakage.md)"
-    data = load_yaml(path, what=what, remedy=remedy)
-    if not isinstance(data, dict) or set(data) != _FILE_KEYS:
-        raise InputError(f"{what} {path}: expected the keys {', '.join(sorted(_FILE_KEYS))}; {remedy}")
-    try:
-        own = convert(Waveform, data["waveform"], "waveform")
-        delay_m = convert(float, data["installation_delay_m"], "installation_delay_m")
-        rows = np.array([[[float(x) for x in pair] for pair in data[half]] for half in ("up", "down")])
-        if rows.shape != (2, SHAPES, 2) or not np.isfinite(rows).all():
-            raise ValueError(f"up and down hold {rows.shape}; they have to be {SHAPES} pairs of numbers each")
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{what} {path}: {error}; {remedy}") from None
-    if own != waveform:
-        raise InputError(f"{what} {path}: it was measured with another sweep ({own}); {remedy}")
-    return LeakageCalibration(own, rows[..., 0] + 1j * rows[..., 1], delay_m)
-
-
-def leakage_canceller(name: str, waveform: Waveform) -> LeakageCanceller | None:
-    """What ``segmenter.leakage_calibration`` names; None for an empty name. Raises InputError as `load_leakage`."""
-    if not name:
-        return None
-    if name == UNCALIBRATED:
-        return LeakageCanceller.uncalibrated(waveform)
-    return LeakageCanceller(load_leakage(name, waveform))

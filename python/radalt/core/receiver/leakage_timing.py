@@ -1,4 +1,4 @@
-"""Timing held on the transmitter's leakage: it never moves, so where it is seen is what timing is off by."""
+"""Timing held on the transmitter's leakage: since its delay is constant, a change of it is a timing error."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .sweep_finder import ALONE, SweepFinder
 
 __all__ = ["LeakageTiming"]
 
-# Share of the calibrated amplitude, phase included, by which a leakage may differ from itself: half of it is a phase of
-# 0.5 rad, or a ground as strong as half the leakage within a sample of it
+# Share of the calibrated amplitude by which a leakage may differ from the calibration: half of it is a phase offset of
+# 0.5 rad, or a ground half as strong as the leakage within a sample of it.
 _UNLIKE = 0.5
-_STEPS, _DERIVED = 2, 1e-3  # of the delay's refinement; samples over which its derivative is taken
+_STEPS, _DERIVED = 2, 1e-3  # Gauss-Newton steps of the delay; step of its derivative, samples
 _LEAST_LEFT = 0.3  # share of the leakage that a ground at almost the same place has to leave to it
 _REST = 0.1  # share of the leakage's energy up to which a line near its place is what was left of it
-_NEAR, _FLANK = 2, 3  # samples looked at beside its place; samples on either side that belong to one line
+_NEAR, _FLANK = 2, 3  # samples searched beside its place; samples on either side that belong to one line
 _TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a line is and where it is seen, as in `SweepCheck`
 
 

@@ -10,8 +10,8 @@ from .sweep_finder import SweepFinder
 
 __all__ = ["ReceiverFaults"]
 
-# Samples of a frame that distinguish frames: hard clipping to one bit leaves two bits of each, and behind a
-# converter, noise of half a step leaves one sample in three unchanged.
+# Number of samples that distinguish frames: hard clipping leaves two bits of each sample, and behind a converter,
+# noise of half a step leaves one sample in three unchanged.
 _MARKS = 32
 _EVERY = 64  # frames between two checks of the quadrature: 8 FFTs each, 0.13 per frame
 # Conjugate over sweep, power ratio (-10 dB), from which the quadrature is wrong. A sample between the rails gives
@@ -33,7 +33,7 @@ class ReceiverFaults:
     ----------
     fault : str
         By the last frame: ``""``, ``"frozen"`` (it repeats one of the last second) or ``"quadrature"`` (it holds the
-        complex conjugate of the sweep too: one rail is dead or late).
+        complex conjugate of the sweep too: one rail is dead or delayed).
     """
 
     def __init__(self, waveform: Waveform, finder: SweepFinder, *, noise: bool) -> None:

@@ -6,6 +6,10 @@ import numpy as np
 
 __all__ = ["RepeatedFrames"]
 
+_MEMORY_S = (
+    1.0  # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
+)
+
 
 class RepeatedFrames:
     """Notices frames that are equal to one of the last second.
@@ -17,8 +21,6 @@ class RepeatedFrames:
     ----------
     sweep_s : float
         Duration of a frame in seconds.
-    memory_s : float
-        Time over which frames are compared: a driver that hands out an old buffer again repeats tens of frames.
 
     Examples
     --------
@@ -27,8 +29,8 @@ class RepeatedFrames:
     [False, False, False, True, True]
     """
 
-    def __init__(self, sweep_s: float, memory_s: float = 1.0) -> None:
-        self._memory = max(2, round(memory_s / sweep_s))
+    def __init__(self, sweep_s: float) -> None:
+        self._memory = max(2, round(_MEMORY_S / sweep_s))
         self._seen: dict[bytes, int] = {}
         self._count = 0
 

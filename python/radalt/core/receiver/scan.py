@@ -1,4 +1,4 @@
-"""One block as the tracker's parts see it: its sums, its place in time, and the errors that every measurement has."""
+"""One block for the tracker's parts: its sums, its place in time, and the least errors of a measurement."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter is wrong.
+"""Frame timing: acquire on the sweep, coast on the sample counter, detect when the counter is wrong.
 
-The correlation of a delayed chirp with the reference peaks at the delay itself. So timing is taken, to a fraction of a
-sample, only where the altitude is known to be zero (the programme's preamble and synchronisation sections); after that
-it coasts. Afterwards each frame is only *checked*: the matched filter at the altitude that was transmitted has to peak
-at the assumed timing. The check never moves the timing, so it cannot pull an altitude towards the truth.
+The correlation of a delayed chirp with the reference peaks at the delay itself. Timing is therefore acquired, to a
+fraction of a sample, only where the altitude is known to be zero (the programme's preamble and synchronisation
+sections); after that it coasts. Each later frame is only *checked*: the matched filter at the altitude that was
+transmitted has to peak at the assumed timing. The check never moves the timing, so it cannot pull an altitude towards
+the truth.
 """
 
 from __future__ import annotations
@@ -21,15 +22,19 @@ from .leakage_timing import LeakageTiming
 from .receiver_faults import ReceiverFaults
 from .segmenter_settings import SegmenterSettings
 from .slips import MEMORY_FRAMES, MOST_LOST_FRAMES, Slips
-from .sweep_check import NOT_LOOKED, SweepCheck
+from .sweep_check import NOT_CHECKED, SweepCheck
 from .sweep_finder import SweepFinder
 
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
-# A look at every delay costs as much as six transforms. After eight looks in vain, one after the other, one frame in
-# four is looked at; the frames between are once one of them, or the matched filters, show the sweep again.
-_IN_VAIN, _PAUSE = 8, 4
+_COUNTERS = (
+    *("frames", "torn", "discontinuities", "lost_samples", "lock_losses", "unlocked_frames"),
+    *("faulty_frames", "acquisitions", "index_corrections"),
+)
+# Frames without a sweep after which only one frame in `_PAUSE` is searched over all delays, which costs six FFTs. The
+# frames between are searched once one of them, or the matched filters, show the sweep again.
+_UNSEEN, _PAUSE = 8, 4
 
 
 class FrameSegmenter:
@@ -47,14 +52,14 @@ class FrameSegmenter:
         Whether altitudes come as true delays (with Doppler) or as beat shifts.
     point_target : bool
         False for an extended return, which matches no single delay: frames are then checked as without a programme. The
-        programme still tells where the synchronisation sections are.
+        synchronisation sections are still the programme's.
     leakage : LeakageCanceller or None
-        Subtracts the transmitter's own leakage from every frame. Timing is then taken on the leakage and held on it
+        Subtracts the transmitter's own leakage from every frame. Timing is then acquired and held on the leakage
         (`LeakageTiming`). Not with beat shifts, which shift the leakage as well.
 
     noise : bool
         Whether samples carry noise: frames that repeat one of the last second bit for bit are then a frozen receiver's,
-        and are not released. A simulation without noise repeats frames rightly.
+        and are not released. In a simulation without noise, repeated frames are no fault.
 
     `follow` names altitudes that were set by hand; they take precedence over the programme's.
 
@@ -66,10 +71,10 @@ class FrameSegmenter:
         `fault`, ``acquisitions``, ``index_corrections`` by
         whole frames that went missing (altitudes set by hand).
     lock_loss : str
-        What ended the last lock: sweep, expected altitude, altitude at which the sweep was seen; else empty.
+        What ended the last lock: sweep, expected altitude, measured altitude; else empty.
     unverified_frames : int
-        Frames since the last one that showed the sweep where it was sent to be. A loss without a tag is noticed in
-        frames that show the sweep; under interference that hides it, and with an extended return, it is not.
+        Frames since the last verified one. A loss without a tag is detected in frames that show the sweep; under
+        interference that hides it, and with an extended return, it is not.
 
     Notes
     -----
@@ -103,14 +108,10 @@ class FrameSegmenter:
         self.leakage = leakage
         self._leakage = None if leakage is None else LeakageTiming(leakage, settings, self._finder)
         self._installation_m = 0.0 if leakage is None else leakage.installation_delay_m
-        # room for some frames beyond the longest wait, so that what is left over is moved once in a while
+        # room for some frames beyond the longest wait, so that the rest is seldom moved to the start
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
-        names = (
-            "frames torn discontinuities lost_samples lock_losses unlocked_frames faulty_frames acquisitions"
-        )
-        names += " index_corrections"
         self._faults = ReceiverFaults(waveform, self._finder, noise=noise)
-        self.counters = dict.fromkeys(names.split(), 0)
+        self.counters = dict.fromkeys(_COUNTERS, 0)
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
         self.lock_loss = ""
@@ -120,15 +121,15 @@ class FrameSegmenter:
     def reset(self, first_sample: int = 0) -> None:
         """Start over at sample counter ``first_sample``; counters stay."""
         self.state = ACQUIRING
-        self._origin = first_sample  # sample counter of the first sample that waits
-        self._first = self._filled = 0  # where it lies in the buffer, and how many wait
+        self._origin = first_sample  # sample counter of the first waiting sample
+        self._first = self._filled = 0  # its place in the buffer, and the number of waiting samples
         self._index = 0
         self._offset_s = 0.0
         self._discard = 0  # samples of a torn frame still to come
-        self._vain = 0  # frames since one showed the sweep
+        self._unseen = 0  # frames since one showed the sweep
         self._held: deque[tuple[Frame, str]] = deque()
         self._slips = Slips(self.settings.confirm_frames)
-        self._pause = min(_PAUSE, self.settings.confirm_frames + 2)  # what was not looked at is still held
+        self._pause = min(_PAUSE, self.settings.confirm_frames + 2)  # unchecked frames are still held
 
     def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
         """Altitude in metres and range rate in m/s of a sweep by its index, where a person sets it."""
@@ -140,7 +141,7 @@ class FrameSegmenter:
         return self._origin + self._filled
 
     def reacquire(self) -> None:
-        """Take timing anew; the altitude has to be zero now."""
+        """Acquire timing again; the altitude has to be zero now."""
         self._held.clear()
         self._slips.clear()
         self.state = ACQUIRING
@@ -154,7 +155,7 @@ class FrameSegmenter:
         """
         out: list[Frame] = []
         taken, n = 0, self._n
-        # samples may be anything: the verdicts look at what came of them
+        # samples may hold any value, which the verdicts handle
         with np.errstate(invalid="ignore", over="ignore"):
             while taken < samples.size:
                 left = samples.size - taken
@@ -205,7 +206,7 @@ class FrameSegmenter:
     def restart(self, counter: int) -> list[Frame]:
         """The next sample is number ``counter``; how many are missing before it is unknown.
 
-        The lock is lost. It is taken anew where the altitude is known to be zero: any other would be read as zero.
+        The lock is lost. It is acquired again where the altitude is known to be zero: any other would become zero.
         """
         released = self.drain()
         if self.state != ACQUIRING:
@@ -263,7 +264,7 @@ class FrameSegmenter:
     # -- acquisition ----------------------------------------------------------------------------------------------
 
     def _acquire(self) -> bool:
-        """Fold frames, correlate, refine; lock or slide on by a frame. The first frame may precede the transmitter."""
+        """Average frames, correlate, refine; lock or advance a frame. The first frame may precede the transmitter."""
         needed = (self.settings.acquisition_frames + 2) * self._n
         if self._filled < needed:
             return False
@@ -277,17 +278,17 @@ class FrameSegmenter:
         exact = found[1] - self.reference_samples
         start = self._n + found[0] + round(exact)
         self._offset_s = (exact - round(exact)) / self.waveform.rate_hz
-        # timing is known now, also for the frames before: go back to the first whole one
+        # timing is known now, also for earlier frames: go back to the first whole one
         first = start % self._n
         self._consume(first)
-        # one sample of grace: a latency near zero may come out a trifle negative
+        # one sample of tolerance: a latency near zero may be estimated slightly below it
         self._index = int(np.floor((self._origin + self._offset_s * self.waveform.rate_hz + 1.0) / self._n))
         self.state = LOCKED
         self.counters["acquisitions"] += 1
         return True
 
     def _locate(self, first: int, last: int) -> tuple[int, float] | None:
-        """As `SweepFinder.locate`; where the leakage is known, that alone is a place to take timing on."""
+        """As `SweepFinder.locate`; where the leakage is known, timing is acquired on it alone."""
         samples = self._waiting(first, last)
         if self._leakage is None:
             return self._finder.locate(samples)
@@ -313,39 +314,39 @@ class FrameSegmenter:
             out.append(frame)
             return True
         sent = self._expected(frame.index)
-        seen_before = self._vain <= _IN_VAIN
-        found = NOT_LOOKED
+        seen_before = self._unseen <= _UNSEEN
+        found = NOT_CHECKED
         if slip is None:
             near = self._check.near(samples, sent, self._offset_s)
-            if near is not None or seen_before or self._vain % self._pause == 0:
+            if near is not None or seen_before or self._unseen % self._pause == 0:
                 found = self._check.verdict(samples, sent, self._offset_s, near)
         if self._leakage is not None:
             found = self._leakage.verdict(found, slip, sent, samples)
         shown = found[0] in ("verified", "contradicted")
-        self._vain = 0 if shown else self._vain + 1
+        self._unseen = 0 if shown else self._unseen + 1
         known = sent is not None or slip == 0.0
         self.unverified_frames = 0 if found[0] == "verified" and known else self.unverified_frames + 1
         if shown and not seen_before:
             counted = self._index
-            if not self._look_back(out):
+            if not self._check_back(out):
                 self.counters["unlocked_frames"] += 1
                 return True
             if self._index != counted:
                 frame.index += self._index - counted
-                found = self._look(frame)
+                found = self._verdict(frame)
         self._judge(frame, found, out)
         return True
 
-    def _look_back(self, out: list[Frame]) -> bool:
-        """Judge the frames from the first that was not looked at, now that the sweep shows; whether the lock holds."""
+    def _check_back(self, out: list[Frame]) -> bool:
+        """Judge the frames from the first unchecked one on, now that the sweep shows; whether the lock holds."""
         held = self._held
-        looked = next((n for n, (_, verdict) in enumerate(held) if verdict == NOT_LOOKED[0]), len(held))
-        late = [held.pop()[0] for _ in range(len(held) - looked)][::-1]
+        checked = next((n for n, (_, verdict) in enumerate(held) if verdict == NOT_CHECKED[0]), len(held))
+        unchecked = [held.pop()[0] for _ in range(len(held) - checked)][::-1]
         counted = self._index
-        for number, frame in enumerate(late, 1):
+        for number, frame in enumerate(unchecked, 1):
             frame.index += self._index - counted
-            if not self._judge(frame, self._look(frame, near=self._index != counted), out):
-                self.counters["unlocked_frames"] += len(late) - number
+            if not self._judge(frame, self._verdict(frame, near=self._index != counted), out):
+                self.counters["unlocked_frames"] += len(unchecked) - number
                 return False
         return True
 
@@ -359,7 +360,7 @@ class FrameSegmenter:
             self._lose_lock(len(held))
             return False
         if verdict == "verified":
-            # a verified frame vouches for all before it; itself it waits for the next one, since it may be torn
+            # a verified frame verifies all before it; it waits for the next one itself, since it may be torn
             self._slips.rule_out(lambda: self._sent_delays(frame.index))
             wrong = self._slips.in_time()
             held.pop()
@@ -372,7 +373,7 @@ class FrameSegmenter:
         return True
 
     def _note_loss(self, index: int, seen: float) -> None:
-        """``seen`` is the delay in samples at which sweep ``index`` came in."""
+        """``seen`` is the measured delay of sweep ``index`` in samples."""
         sent = self._sent(index)
         expected = "within the altitude span" if sent is None else f"at {sent[0]:g} m"
         seen_m = seen / self.waveform.rate_hz / float(altitude_to_delay_s(1.0))
@@ -398,7 +399,7 @@ class FrameSegmenter:
         return self.programme.at(index) if self.point_target or not self.programme.is_trial(index) else None
 
     def _expected(self, index: int) -> tuple[float, float] | None:
-        """`_sent`, with timing taken on the leakage: the installation lies between it and the altitude."""
+        """`_sent`, plus the installation delay where timing is acquired on the leakage."""
         sent = self._sent(index)
         return sent if sent is None or self._leakage is None else (sent[0] + self._installation_m, sent[1])
 
@@ -408,7 +409,7 @@ class FrameSegmenter:
         return altitude_to_delay_s(np.array([altitude for altitude, _ in sent])) * self.waveform.rate_hz
 
     def _slipped(self, index: int, seen: float, tolerance: float) -> bool:
-        """Note a frame that was seen at another delay; whether enough frames agree on one slip."""
+        """Note a frame measured at another delay; whether enough frames agree on one slip."""
         agreed, whole = self._slips.note(
             index, seen - self._sent_delays(index), tolerance, known=self._sent(index) is not None
         )
@@ -418,7 +419,7 @@ class FrameSegmenter:
         return agreed
 
     def _count_on(self, frames: int) -> None:
-        """Whole frames were lost: timing is right, and with altitudes set by hand no trial gets a wrong number."""
+        """Correct the index by whole lost frames: timing is right, and altitudes set by hand have no trial numbers."""
         self._index += frames
         self.counters["index_corrections"] += 1
         for frame, verdict in self._held:
@@ -426,8 +427,8 @@ class FrameSegmenter:
                 frame.index += frames
         self._slips.clear()
 
-    def _look(self, frame: Frame, *, near: bool = True) -> tuple[str, float, float]:
-        """`SweepCheck.verdict` of a frame under the index that it has now; matched filters only if ``near``."""
+    def _verdict(self, frame: Frame, *, near: bool = True) -> tuple[str, float, float]:
+        """`SweepCheck.verdict` of a frame under its present index; matched filters only if ``near``."""
         sent = self._expected(frame.index)
         found = self._check.near(frame.samples, sent, self._offset_s) if near else None
         return self._check.verdict(frame.samples, sent, self._offset_s, found)
@@ -436,16 +437,16 @@ class FrameSegmenter:
 
     @property
     def next_sync(self) -> tuple[int, int] | None:
-        """First sweep and length of the next section in which timing can be taken; None if none is ahead."""
+        """First sweep and length of the next section in which timing can be acquired; None if none is ahead."""
         section = self.programme.next_sync(self._index - 2) if self.programme else None
-        # an altitude set by hand is sent all through; taken for zero it would be gone
+        # an altitude set by hand is sent throughout the section, and would be taken for zero
         return section if section is None or (self._sent(section[0]) or (0.0, 0.0))[0] == 0.0 else None
 
     def _wait_for_sync(self) -> bool:
-        """Count frames at the old timing until a synchronisation section is certainly there, then locate."""
+        """Count frames at the old timing until a synchronisation section has certainly begun, then locate."""
         section = self.next_sync
         count = self.settings.acquisition_frames
-        # two frames of doubt either side of the section: the index itself may be off by what was lost
+        # two frames of margin at either end of the section: the index itself may be wrong by the lost frames
         if section is None or self._index != section[0] + 2:
             self.counters["unlocked_frames"] += 1
             self._next_frame()
@@ -464,7 +465,7 @@ class FrameSegmenter:
         return True
 
     def _confirm_index(self) -> bool:
-        """Walk to the end of the section, where the altitude steps away from zero: that names the frame index."""
+        """Advance to the end of the section, where the altitude steps away from zero: that gives the frame index."""
         waiting = self._waiting(0, self._n)
         if self._leakage is not None:
             waiting = self._leakage.canceller.subtract(waiting[None], self._index)[0]
@@ -497,7 +498,7 @@ class FrameSegmenter:
 
     @property
     def timing_verified(self) -> bool:
-        """Whether one of the last fifty frames showed the sweep where it was sent to be."""
+        """Whether one of the last fifty frames was verified."""
         return self.state == LOCKED and self.unverified_frames <= MEMORY_FRAMES
 
     def status(self) -> dict[str, object]:

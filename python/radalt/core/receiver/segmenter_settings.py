@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..parsing import check_range
+
 __all__ = ["SegmenterSettings"]
 
 
 @dataclass(frozen=True)
 class SegmenterSettings:
-    """How timing is acquired and watched.
+    """How timing is acquired and checked.
 
     Parameters
     ----------
@@ -20,14 +22,14 @@ class SegmenterSettings:
         1e7 frames where the filter is coherent over the frame. Where its halves add in power, 0.6 times this value is
         the threshold, and noise exceeds it more rarely still.
     confirm_frames : int
-        Consecutive frames that have to agree on another timing before lock is given up; so many frames are held back
+        Consecutive frames that have to agree on another timing before the lock is lost; as many frames are held back
         while the timing is in doubt.
     monitor : bool
         Check every frame (default). Without it only tagged discontinuities are noticed.
     leakage_calibration : str
         Stored leakage of the installation, subtracted from every frame: a file, or a shipped one's name
-        (docs/leakage.md). ``uncalibrated`` fits it to every frame instead, for altitudes from 100 m on. Empty: the
-        receiver knows of none. Only with true delays.
+        (docs/leakage.md). ``uncalibrated`` fits it to every frame instead, for altitudes from 100 m on. Empty: no
+        leakage is subtracted. Only with true delays.
     """
 
     acquisition_frames: int = 4
@@ -37,11 +39,6 @@ class SegmenterSettings:
     leakage_calibration: str = ""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.acquisition_frames <= 4:
-            raise ValueError(
-                f"segmenter.acquisition_frames is {self.acquisition_frames}; it has to be within 1..4"
-            )
+        check_range("segmenter", self, acquisition_frames=(1, 4), confirm_frames=(1, 8))
         if self.lock_threshold < 10:
             raise ValueError(f"segmenter.lock_threshold is {self.lock_threshold:g}; below 10 noise locks")
-        if not 1 <= self.confirm_frames <= 8:
-            raise ValueError(f"segmenter.confirm_frames is {self.confirm_frames}; it has to be within 1..8")

@@ -1,4 +1,4 @@
-"""Losses of samples that nobody marks: which slip of timing and frame index explains where the sweep is seen."""
+"""Losses of samples without a tag: which slip of timing and frame index explains the measured delays of the sweep."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 __all__ = ["MEMORY_FRAMES", "MOST_LOST_FRAMES", "Slips"]
 
-MOST_LOST_FRAMES = 64  # whole frames that may have gone missing at once without a tag
-MEMORY_FRAMES = 50  # for so long a contradicted frame is remembered, and timing counts as verified
+MOST_LOST_FRAMES = 64  # most whole frames that are lost at once without a tag
+MEMORY_FRAMES = 50  # frames for which a contradicted frame is remembered, and timing counts as verified
 
 
 @dataclass
 class _Doubt:
-    """A frame that was seen at another timing, and the slips that would explain it.
+    """A frame measured at another timing, and the slips that would explain it.
 
     Attributes
     ----------
@@ -24,9 +24,9 @@ class _Doubt:
     frames : (h,) int array
         Whole frames lost, by slip.
     samples : (h,) float array
-        Samples by which timing is then off.
+        Timing error of each slip, in samples.
     tolerance : float
-        How far, in samples, the delay may lie from where the sweep was seen.
+        Largest error of the measured delay, in samples.
     """
 
     index: int
@@ -58,10 +58,10 @@ class _Doubt:
 
 
 class Slips:
-    """Frames that were seen where they were not sent, until enough of them agree on one slip.
+    """Frames measured at other delays than they were sent with, until enough of them agree on one slip.
 
     A loss of samples without a tag shifts timing by ``s`` samples and the index by ``q`` frames, and both shifts last.
-    A frame that is seen at another delay than it was sent with gives one ``s`` for every ``q`` from 0 to
+    A frame measured at another delay than it was sent with gives one ``s`` for every ``q`` from 0 to
     `MOST_LOST_FRAMES`. Frames agree if they give the same pair, and a frame between them that contradicts the pair
     rules it out.
 
@@ -80,16 +80,16 @@ class Slips:
         self._doubts.clear()
 
     def note(self, index: int, samples: np.ndarray, tolerance: float, *, known: bool) -> tuple[bool, int]:
-        """Note a frame that was seen at another delay.
+        """Note a frame measured at another delay.
 
         Parameters
         ----------
         index : int
             The frame's, as it was counted.
         samples : (MOST_LOST_FRAMES + 1,) float
-            Delay seen less delay sent, in samples, if so many whole frames were lost.
+            Delay measured less delay sent, in samples, for each number of whole frames lost.
         tolerance : float
-            Of the delay seen, in samples.
+            Tolerance of the measured delay, in samples.
         known : bool
             Whether the delay sent is known. A frame that no slip explains is then left out.
 
@@ -116,7 +116,7 @@ class Slips:
         return bool(agreed.any()), int(whole[0]) if whole.size else 0
 
     def rule_out(self, delays: Callable[[], np.ndarray]) -> None:
-        """Forget the slips under which a frame could not have been seen where it was sent.
+        """Forget the slips that contradict a frame measured at the delay it was sent with.
 
         Parameters
         ----------

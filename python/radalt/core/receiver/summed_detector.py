@@ -16,12 +16,13 @@ __all__ = ["CounterDetector", "SummedDetector"]
 
 _PADDING = 2  # spectral cells per resolution cell
 _OFFSETS = np.linspace(-0.7, 0.7, 57)
-_LINE = (
-    np.sinc((_OFFSETS + np.array([[1], [0], [-1]])) / _PADDING) ** 2
-)  # powers left of, at and right of a line's peak
+# powers left of, at and right of a line's peak
+_LINE = np.sinc((_OFFSETS + np.array([[1], [0], [-1]])) / _PADDING) ** 2
 # slope over curvature of three powers, and the line's offset in cells; a noise floor leaves it alone
 _PEAK = ((_LINE[2] - _LINE[0]) / (2 * _LINE[1] - _LINE[0] - _LINE[2]), _OFFSETS)
-_EDGE = 0.25  # of the peak's power: the -6 dB point of the rise, as `AltimeterSettings.strategy` has it
+_EDGE = (
+    0.25  # power of the edge over the peak's: the -6 dB point of the rise, as in `AltimeterSettings.strategy`
+)
 
 
 class SummedDetector:

@@ -1,4 +1,4 @@
-"""Whether a frame shows its sweep where it was sent to be: one verdict per frame, which never moves the timing."""
+"""Whether a frame shows its sweep at the delay it was sent with: a verdict per frame, which never moves the timing."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from ..waveform import Waveform, altitude_to_delay_s
 from .segmenter_settings import SegmenterSettings
 from .sweep_finder import ALONE, SweepFinder
 
-__all__ = ["NOT_LOOKED", "SweepCheck"]
+__all__ = ["NOT_CHECKED", "SweepCheck"]
 
-# samples between where a sweep is and where it is seen: by the matched filter, by the correlation
+# Largest error of a delay, samples: by the matched filter, by the correlation.
 _TOLERANCE, _COARSE = 0.4, 1.0
-NOT_LOOKED = "not looked", 0.0, _COARSE
+NOT_CHECKED = "not checked", 0.0, _COARSE
 
 
 class SweepCheck:
-    """Holds the sweep that a frame shows against the one that was sent.
+    """Compares the sweep that a frame shows with the one that was sent.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class SweepCheck:
     finder : SweepFinder
         Of the same sweep.
     max_altitude_m : float
-        Highest altitude, for frames of which nobody knows what was sent.
+        Highest altitude, for frames whose altitude is not known.
     """
 
     def __init__(
@@ -35,12 +35,12 @@ class SweepCheck:
         self._finder = finder
         self._present = 0.6 * settings.lock_threshold
         self._max_delay_samples = float(altitude_to_delay_s(max_altitude_m)) * waveform.rate_hz
-        self._strength = 0.0  # of the last sweep that was seen near where it was sent
+        self._strength = 0.0  # strength of the last sweep that was found near the delay it was sent with
 
     def near(
         self, samples: np.ndarray, sent: tuple[float, float] | None, offset_s: float
     ) -> tuple[float, float] | None:
-        """Where the sweep is seen near the delay it was sent with, see `SweepFinder.shift`; None if unknown.
+        """Delay of the sweep near the one it was sent with, see `SweepFinder.shift`; None if that is not known.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class SweepCheck:
         offset_s: float,
         near: tuple[float, float] | None,
     ) -> tuple[str, float, float]:
-        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance.
+        """``verified``, ``contradicted`` or ``undetermined``; measured delay of the sweep; its tolerance.
 
         Delays are in samples, less ``offset_s``. ``near`` is what `near` returned for the same frame.
         """
@@ -71,10 +71,10 @@ class SweepCheck:
         peak, significance, alone = self._finder.correlate(samples, expected + offset)
         delay = float((peak if peak < self._n // 2 else peak - self._n) - offset)
         present = significance >= self._present and alone >= ALONE
-        # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
+        # the line may be the rest of a torn frame's sweep, or the flank of a sweep farther away
         if near is not None and not (present and abs(delay - expected - near[0]) > 2.5):
             self._strength = near[1]
-            # at the end of its reach it may be the flank of a sweep up to a sample farther away
+            # at the end of the filters' reach it may be the flank of a sweep up to a sample farther away
             tolerance = _COARSE if abs(near[0]) >= 2 else _TOLERANCE
             return ("contradicted" if near[0] else "verified"), expected + near[0], tolerance
         if not present:

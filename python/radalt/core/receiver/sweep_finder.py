@@ -1,4 +1,4 @@
-"""Where a sweep lies in received samples: by correlation at any delay, by matched filters near an expected one."""
+"""Delay of the sweep in received samples: by correlation at any delay, by matched filters near an expected one."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from .segmenter_settings import SegmenterSettings
 
 __all__ = ["ALONE", "SweepFinder"]
 
-_FRACTION = 0.25  # of a sample, 5 m at the default rate: what a strong sweep may be off
+_FRACTION = 0.25  # least fractional delay that is reported, samples: 5 m at the default rate
 _FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
-# A burst of narrow-band interference correlates with a piece of the sweep at many delays, all about as strong; a sweep
-# has one peak. Power of that over any other, beyond its flanks (samples):
+# Least power of the sweep's peak over any other beyond its flanks (samples): a burst of narrow-band interference
+# correlates with a piece of the sweep at many delays, all about as strong.
 ALONE, _FLANK = 4.0, 3
-_MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
+_MAX_SPREAD_SAMPLES = (
+    0.2  # largest spread between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
+)
 
 
 class SweepFinder:
-    """Tables of one sweep, and the three looks that `FrameSegmenter` takes at samples.
+    """Tables of one sweep, and the three measurements that `FrameSegmenter` makes: locate, correlate, shift.
 
     Parameters
     ----------
@@ -36,13 +38,13 @@ class SweepFinder:
     Attributes
     ----------
     quality_db : float
-        Correlation over mean of the last sweep that was looked at, in decibels; NaN before the first.
+        Correlation over mean of the last sweep that was measured, in decibels; NaN before the first.
     """
 
     def __init__(self, waveform: Waveform, settings: SegmenterSettings, *, true_delay: bool) -> None:
         self._waveform, self._settings, self._true_delay = waveform, settings, true_delay
         self._n = waveform.samples_per_frame
-        # the two halves apart: a beat shift turns them against each other by k tau^2 cycles, so they add in power only
+        # separate halves: a beat shift rotates their phases apart by k tau^2 cycles, so they add in power only
         halves = np.zeros((2, self._n), dtype=np.complex64)
         halves[0, : self._n // 2] = waveform.reference[: self._n // 2]
         halves[1, self._n // 2 :] = waveform.reference[self._n // 2 :]
@@ -73,7 +75,7 @@ class SweepFinder:
         return whole, total - whole
 
     def delay_samples(self, frame: np.ndarray) -> float | None:
-        """Delay in samples at which `locate` sees the strongest line of one frame (N,), near zero; None without any."""
+        """Delay in samples at which `locate` finds the strongest line of one frame (N,), near zero, or None."""
         found = self._fine.process(frame[None])[0]
         return (
             float(altitude_to_delay_s(found["altitude_m"])) * self._waveform.rate_hz
@@ -124,11 +126,11 @@ class SweepFinder:
         """Samples between the assumed and the true timing, -2..2, and strength; None if no sweep is found that near.
 
         Matched filters at the altitude and range rate sent, up to two samples either side. Whole samples, unless the
-        sweep is strong enough to say a fraction of a quarter and more.
+        sweep is strong enough to measure a fraction of a quarter or more.
         """
         x, n = samples, self._n
-        # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
-        # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
+        # whole samples apart, the expected frames are one frame shifted; the two samples that leave at an end are left
+        # out. SciPy's BLAS, since NumPy's takes newer processors for an old one (docs/real-time.md)
         expected = self.expected_frame(*sent, offset_s)
         response = [
             abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))

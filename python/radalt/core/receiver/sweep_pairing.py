@@ -12,18 +12,20 @@ from .cfar import Cfar, Significance, repeated
 
 __all__ = ["FLOOR", "Found", "PairSearch"]
 
-# significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
+# Least significance of each half sweep on its own: noise exceeds it in 5 %.
 FLOOR = 3.0
 _CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank
 _HALVES = np.arange(2)
-_OUTSHINING = 10.0  # power of a return beyond the span over the cells found
+_OUTSHINING = (
+    10.0  # least power, over the cells found, of a line beyond the span that is taken for the return
+)
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
-# Points per cell where pairs compete: a return between two cells loses up to 0.4 dB of a peak that holes in the sweep
-# narrow, and a grating lobe that lies on a cell then wins.
+# Points per cell in the search of pairs: where holes in the sweep narrow the peak, a return between two cells loses up
+# to 0.4 dB, and a grating lobe on a cell would win.
 _FINER = 2
-# Above the threshold on a pair that is asked again without its own side lobes. With 2 the shipped network made up to 10
-# false altitudes more in 1,000 frames of interference alone, with 5 up to 3. Whitening then finds 1 % less in a mixture
-# at -40 dB.
+# Excess over the threshold of a pair that is tested again without its own side lobes. With 2 the shipped network made
+# up to 10 false altitudes more in 1,000 frames of interference alone, with 5 up to 3. Whitening then finds 1 % less in
+# a mixture at -40 dB.
 _SECOND_LOOK = 5.0
 # Least share of the pairs' likelihood near the altitude of the pair found. Where less lies there, an error of one half
 # sweep passes as a speed. With 0.9 another 1 % of right altitudes is lost under interference (docs/detection.md).
@@ -85,7 +87,7 @@ class PairSearch:
     outshining : bool
         Whether a strongest cell beyond the span of altitudes is taken for the return.
     near : float or None
-        Distance of altitudes, in cells, within which most of the pairs' likelihood has to lie; None: not asked.
+        Distance of altitudes, in cells, within which most of the pairs' likelihood has to lie; None: no such test.
     """
 
     cfar: Cfar
@@ -139,12 +141,12 @@ class PairSearch:
             )
         reason = np.full(len(found), Reason.OK)
         mean = np.full(pair.shape, np.nan)
-        asked = np.nonzero(found)[0] if self.near is not None else np.zeros(0, dtype=int)
-        if asked.size:
-            mass, centre, spread = self._likely(fine[asked], noise[asked], at[asked])
-            reason[asked[mass < _LEAST_MASS]] = Reason.AMBIGUOUS
+        tested = np.nonzero(found)[0] if self.near is not None else np.zeros(0, dtype=int)
+        if tested.size:
+            mass, centre, spread = self._likely(fine[tested], noise[tested], at[tested])
+            reason[tested[mass < _LEAST_MASS]] = Reason.AMBIGUOUS
             broad = spread > _BROAD
-            mean[asked[broad]] = centre[broad] / _FINER + self.first
+            mean[tested[broad]] = centre[broad] / _FINER + self.first
         if not found.all():
             single = self._single(cells)
             reason[~found] = np.where(single[~found], Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
@@ -265,7 +267,7 @@ class PairSearch:
     def _likely(
         self, fine: np.ndarray, noise: np.ndarray, at: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the likelihood of all pairs says of the pairs found.
+        """Likelihood of the altitude of the pairs found, among all pairs.
 
         A tone of unknown phase in noise has the likelihood ``exp(P / noise)`` in a cell of power ``P``. Those of the
         two half sweeps multiply, and every altitude and every allowed speed is as likely as any other beforehand.
@@ -303,7 +305,7 @@ class PairSearch:
         near = 2.0 * _FINER * self.near
         apart = np.arange(least, most + 1)[:, None]
         off = np.arange(-int(3.0 * near), int(3.0 * near) + 1)
-        twice = at.sum(axis=1)[:, None, None] + apart + off  # of the up point
+        twice = at.sum(axis=1)[:, None, None] + apart + off  # twice the up point
         ups, downs = twice // 2, twice // 2 - apart
         there = (twice % 2 == 0) & (ups >= 0) & (ups < count) & (downs >= 0) & (downs < count)
         n = n[..., None]
@@ -323,10 +325,7 @@ class PairSearch:
         least, most = (_FINER * cells for cells in self.apart)
         count = down.shape[1]
         padded = np.full((len(down), count + most - least), -np.inf, dtype=down.dtype)
-        low, high = (
-            max(0, -most),
-            min(count, count - least),
-        )  # of the down cells that any up cell has for a partner
+        low, high = max(0, -most), min(count, count - least)  # down cells that are a partner of any up cell
         padded[:, low + most : high + most] = down[:, low:high]
         return padded
 

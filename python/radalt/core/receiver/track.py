@@ -56,6 +56,11 @@ class Kalman:
             row @ self.covariance @ row + found.altitude_variance_m2
         )
 
+    def speed_innovation(self, found: Measurement) -> tuple[float, float]:
+        """Speed found less speed expected, and its variance."""
+        variance = float(self.covariance[1, 1]) + found.speed_variance_m2_per_s2
+        return found.speed_m_per_s - float(self.mean[1]), variance
+
     def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
         """Update by a measurement of altitude, or of altitude and speed at once.
 
@@ -184,17 +189,18 @@ class Track:
     missed: int = 0  # consecutive blocks without one
     vacant: int = 0  # consecutive blocks that show nothing at its place
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
-    corrected_m: float = 0.0  # by which the latest measurement moved the predicted altitude
+    corrected_m: float = 0.0  # correction of the predicted altitude by the latest measurement
     protection_m: float = np.inf  # bound of its altitude's error, computed when the altitude is to be given
     doppler_m_per_s: float = 0.0  # mean of the measured speeds over as many blocks as its evidence
-    deviation: float = 0.0  # of its peak from a point's shape, mean over as many blocks as its evidence
+    deviation: float = (
+        0.0  # deviation of its peak from a point's shape, mean over as many blocks as its evidence
+    )
     resolved: bool = False  # whether its evidence ruled out every other pair of cells once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)
-    history: deque = field(
-        default_factory=lambda: deque(maxlen=_FITTED), repr=False
-    )  # (frame index, altitude)
+    # (frame index, altitude in metres) of the latest measurements
+    history: deque = field(default_factory=lambda: deque(maxlen=_FITTED), repr=False)
 
     def append(self, found: Measurement, middle: float) -> None:
         """Keep a measurement and the frame index of its middle."""

@@ -1,4 +1,4 @@
-"""What may be said of a track: whether something else could be the ground, and how far its altitude may be off."""
+"""Integrity of a track: rivals that could be the ground, and the protection level of its altitude."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .tracker_settings import TrackerSettings
 
 __all__ = ["Integrity"]
 
-# Resolution cells within which the first grating lobe of what a method leaves of the sweep lies.
+# Distance, resolution cells, of the first grating lobe of a sweep in which a method has left holes.
 _GRATING_CELLS = 2.0
 # Resolution cells within which side and grating lobes lie; a second return differs from them by being one-sided.
 _LOBE_CELLS, _LOBE_SHARE = 6.0, 0.1  # or that share of the altitude, if more: ground off nadir
-# Metres by which what a method leaves of a peak pulls it; 5 MHz NR behind `tcae` keeps up 0.95 m for seconds.
+# Systematic error, metres, of a peak that a method has distorted; 5 MHz NR behind `tcae` keeps 0.95 m for seconds.
 _SYSTEMATIC_M = 1.0
 # How far beyond the nearest ground its peak may be: resolution cells per root of the asymmetry (up to 1.02 over five
 # kinds of ground), and share of the altitude: the mean over a beam of 40 degrees on ground that scatters alike
@@ -29,7 +29,7 @@ _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
 # most half a cell, which is the error by an equal one 18 m behind in phase (9 m). Echoes 5 to 16 m behind, 6 dB weaker,
 # err by up to 4.4 m; the nearest deviate least, and the level's other parts cover what they exceed this part by.
 _ECHO_CELLS, _MOST_ECHO_CELLS = 3.0, 0.5
-_SPARE_EXTENT = 2.0  # times that extent, beyond which an asymmetric peak is another return's
+_SPARE_EXTENT = 2.0  # factor on that extent, beyond which the asymmetry of a peak is another return
 # Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
 _MIRRORED = 0.25
 # Standard deviations by which the strongest entry of any speed has to exceed a track's to be a rival: the greatest
@@ -71,8 +71,8 @@ class Integrity:
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
     60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell.
 
-    It does not bound errors by returns that cannot be told from the ground. These are a false return on the ground's
-    own cells, or one that was there before the ground was first seen and hides it. Another is a radar of the same sweep
+    It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
+    ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep
     that drifts as slowly as an aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of
     a block shows in the next.
     """
@@ -147,7 +147,7 @@ class Integrity:
     def _received_rival(self, before: Block, found: Measurement, here_m: float, near_m: float) -> bool:
         """Whether the received frames show a rival, near by or far, that a method may have taken away.
 
-        Where interference hides the return in them, a line of its own near by has to be one that noise does not give.
+        Where interference hides the return in them, a line near by has to be stronger than noise gives.
         """
         t = self.tables
         found = replace(found, power=before.power_at(found))

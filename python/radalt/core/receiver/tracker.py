@@ -31,8 +31,8 @@ from .updater import Updater
 
 __all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSettings"]
 
-# Seconds of missing frames that are answered by outputs. After more the tracker starts anew: an aircraft that climbs by
-# 150 m/s has left the span of altitudes by then.
+# Longest gap of missing frames, s, for which outputs are given. After a longer one the tracker restarts: an aircraft
+# that climbs at 150 m/s has left the span of altitudes by then.
 _LONGEST_GAP_S = 10.0
 # Largest difference in seconds of the residual timing offsets within one block: 0.3 m of altitude, a third of the
 # protection level's systematic part.
@@ -92,17 +92,15 @@ class AltitudeTracker:
             doppler=settings.doppler is not False and altimeter.waveform.separates_doppler,
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
-        lowest_start_m = (
-            REACH_M
-            if settings.leakage_m is None and self.integrator.doppler
-            else settings.leakage_m or -np.inf
-        )
+        lowest_start_m = settings.leakage_m or -np.inf
+        if settings.leakage_m is None and self.integrator.doppler:
+            lowest_start_m = REACH_M
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
         self._repeated = RepeatedFrames(self.sweep_s) if noise else None
         self._updater = Updater(gate, self._integrity)
-        self._deleter = Deleter(self.integrator, settings, self._integrity.search_threshold)
+        self._deleter = Deleter(gate, settings, self._integrity.search_threshold)
         self._initiator = Initiator(gate, self._updater, self._deleter, settings, lowest_start_m)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
@@ -188,10 +186,10 @@ class AltitudeTracker:
 
     def _frozen(self, spectra: Spectra) -> np.ndarray:
         """(n,) bool: frames with a signal that repeat an earlier one, by eight cells of their spectra."""
-        heard = (spectra.scale > 0) & np.isfinite(spectra.scale)
-        again = np.zeros(len(heard), dtype=bool)
+        usable = (spectra.scale > 0) & np.isfinite(spectra.scale)
+        again = np.zeros(len(usable), dtype=bool)
         if self._repeated is not None:
-            again[heard] = self._repeated.check(spectra.power[heard, :, :_MARKED_CELLS])
+            again[usable] = self._repeated.check(spectra.power[usable, :, :_MARKED_CELLS])
         return again
 
     def _take(

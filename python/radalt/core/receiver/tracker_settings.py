@@ -1,4 +1,4 @@
-"""Settings and outputs of the altitude tracker: when it trusts an altitude, and how it gives it out."""
+"""Settings and outputs of the altitude tracker."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..parsing import check_range
+
 __all__ = ["OUTPUT_DTYPE", "State", "Status", "TrackerSettings"]
 
 
 class Status:
-    """What an output is worth, as the sign/status matrix of an ARINC 429 BNR word says it; ``status`` field.
+    """Status of an output, as the sign/status matrix of an ARINC 429 BNR word has it; ``status`` field.
 
     `FAILURE` is the equipment's: samples that are not finite, nothing but zeros, no frames. `NO_COMPUTED_DATA` is the
     world's: no return, too much interference, or more than one altitude that could be true.
@@ -24,7 +26,7 @@ class Status:
 
 
 class State:
-    """Where the tracker stands; ``state`` field."""
+    """State of the tracker; ``state`` field."""
 
     SEARCH = 0
     CONFIRM = 1
@@ -44,7 +46,7 @@ OUTPUT_DTYPE = np.dtype(
         ("vertical_speed_m_per_s", np.float64),
         ("protection_level_m", np.float64),
         ("age_s", np.float64),  # from the middle of the last measurement to the end of frame_index
-        ("strength", np.float64),  # of the block's best return in standard deviations of the noise
+        ("strength", np.float64),  # the block's best return in standard deviations of the noise
         ("frames", np.int16),  # usable frames in the block
     ]
 )
@@ -82,8 +84,8 @@ class TrackerSettings:
     nearer_rival_db : float
         The same for a nearer return than the track's: the ground is the nearest thing there is.
     leakage_m : float or None
-        Altitude in metres below which no track starts, 0..1000: there stand the transmitter's own leakage and the
-        landing gear (docs/leakage.md). A track that comes from above goes on. None is 15 m where range rates show as
+        Altitude in metres below which no track starts, 0..1000: the transmitter's own leakage and the landing gear lie
+        there (docs/leakage.md). A track that comes from above continues. None is 15 m where range rates show as
         Doppler, and 0 with a beat shift, which moves the leakage. A scene sets 0, unless it plays leakage without a
         calibration.
     """
@@ -104,24 +106,20 @@ class TrackerSettings:
     leakage_m: float | None = None
 
     def __post_init__(self) -> None:
-        limits = {
-            "output_s": (1e-4, 10.0),
-            "max_vertical_speed_m_per_s": (0.0, 1000.0),
-            "acceleration_m_per_s2": (0.01, 1000.0),
-            "search_pfa": (1e-9, 0.1),
-            "gate_pfa": (1e-9, 0.1),
-            "confirm_outputs": (2, 25),
-            "coast_s": (0.0, 60.0),
-            "risk": (1e-9, 0.1),
-            "max_protection_m": (1.0, 10_000.0),
-            "memory_outputs": (1.0, 1000.0),
-            "rival_db": (0.0, 40.0),
-            "nearer_rival_db": (0.0, 40.0),
-            "leakage_m": (0.0, 1000.0),
-        }
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if value is None and name == "leakage_m":
-                continue
-            if not low <= value <= high:  # a NaN is not within, either
-                raise ValueError(f"tracker.{name} is {value!r}; it has to be within {low:g}..{high:g}")
+        check_range(
+            "tracker",
+            self,
+            output_s=(1e-4, 10.0),
+            max_vertical_speed_m_per_s=(0.0, 1000.0),
+            acceleration_m_per_s2=(0.01, 1000.0),
+            search_pfa=(1e-9, 0.1),
+            gate_pfa=(1e-9, 0.1),
+            confirm_outputs=(2, 25),
+            coast_s=(0.0, 60.0),
+            risk=(1e-9, 0.1),
+            max_protection_m=(1.0, 10_000.0),
+            memory_outputs=(1.0, 1000.0),
+            rival_db=(0.0, 40.0),
+            nearer_rival_db=(0.0, 40.0),
+            leakage_m=(0.0, 1000.0),
+        )

@@ -1,4 +1,4 @@
-"""Updater: a block's measurement of a track, and what the track learns from it."""
+"""Updater: measures tracks in a block, and updates their filter and evidence."""
 
 from __future__ import annotations
 
@@ -32,9 +32,8 @@ class Updater:
     def __init__(self, gate: Gate, integrity: Integrity) -> None:
         self.gate, self.integrity = gate, integrity
         self.tables = gate.tables
-        self.reach = (
-            self.tables.last - self.tables.first
-        )  # cells to either side of a track that evidence covers
+        # cells to either side of a track that evidence covers
+        self.reach = self.tables.last - self.tables.first
 
     def update(self, track: Track, scan: Scan) -> Measurement | None:
         """The block's measurement of a track, which is updated by it; None where the block does not show the return."""
@@ -43,7 +42,7 @@ class Updater:
     def keep(self, track: Track, scan: Scan) -> Measurement | None:
         """Update a track by the received frames, where a method has taken its return away; None where they lack it too.
 
-        Such a track goes on without an altitude.
+        Such a track continues without an altitude.
         """
         if scan.sum_received is None:
             return None
@@ -70,10 +69,11 @@ class Updater:
         track.append(found, scan.middle)
         track.doppler_m_per_s += (found.speed_m_per_s - track.doppler_m_per_s) / track.evidence.weight
         lowest, highest = self.integrity.open_cells(track)
-        foreign = lowest > highest  # its Doppler is none that its altitudes allow
+        # its Doppler does not fit its altitudes, or it is not the Doppler of a track whose ambiguity is resolved
+        foreign = lowest > highest or (track.resolved and not self.gate.near_speed(track, found))
         pulled = foreign and self._pulled(track)
         track.contradicted = track.contradicted + 1 if foreign else 0
-        if foreign and not pulled:  # a lobe's
+        if foreign and not pulled:  # a lobe
             track.seen = track.contradicted < _LOBE_BLOCKS
             track.latest, track.measured_at = before
             return None

@@ -9,12 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..programme import Programme
 from ..waveform import Waveform
+from .link import RadarLink
 
 if TYPE_CHECKING:
     from .terrain import Antenna, LandingProfile, TerrainModel, TerrainReturn, Trajectory
 
-__all__ = ["AntennaSpec", "GroundSpec", "LandingSpec", "LinkSpec", "TerrainSpec", "TrajectorySpec"]
+__all__ = ["AntennaSpec", "GroundSpec", "LandingSpec", "TerrainPlayer", "TerrainSpec", "TrajectorySpec"]
 
 
 @dataclass(frozen=True)
@@ -115,25 +119,6 @@ class GroundSpec:
 
 
 @dataclass(frozen=True)
-class LinkSpec:
-    """Transmitter, losses and receiver; `RadarLink` names the source of the values.
-
-    Parameters
-    ----------
-    transmit_w : float
-        Transmitted power.
-    losses_db : float
-        Cable and other losses, both ways together.
-    noise_figure_db : float
-        Noise figure of the receiver.
-    """
-
-    transmit_w: float = 0.4
-    losses_db: float = 6.0
-    noise_figure_db: float = 8.0
-
-
-@dataclass(frozen=True)
 class LandingSpec:
     """A landing: trajectory over terrain, with antenna, ground and link.
 
@@ -156,7 +141,7 @@ class LandingSpec:
     terrain: TerrainSpec = TerrainSpec()
     antenna: AntennaSpec = AntennaSpec()
     ground: GroundSpec = GroundSpec()
-    link: LinkSpec = LinkSpec()
+    link: RadarLink = RadarLink()
     folder: str = ""
 
     def path(self, name: str) -> Path:
@@ -214,14 +199,14 @@ class LandingSpec:
 
     def radar(self, waveform: Waveform, seed: int = 1) -> TerrainReturn:
         """The return of the ground, its scatterers drawn from a seed."""
-        from .terrain import GroundGrid, RadarLink, TerrainReturn, reflectivity
+        from .terrain import GroundGrid, TerrainReturn, reflectivity
 
         return TerrainReturn(
             self.ground_model(),
             waveform,
             self.antenna_model(),
             reflectivity(self.ground.model, self.ground.land, level_db=self.ground.level_db),
-            RadarLink(self.link.transmit_w, self.link.losses_db, self.link.noise_figure_db),
+            self.link,
             GroundGrid(seed),
             tilt_deg=self.antenna.tilt_deg,
         )
@@ -233,3 +218,39 @@ class LandingSpec:
         flight = self.flight()
         start, end = self.window_s(flight, waveform.sweep_s)
         return LandingProfile(self.radar(waveform, seed), flight, frames, start, end)
+
+
+class TerrainPlayer:
+    """Terrain return by frame index, in place of a point return.
+
+    Parameters
+    ----------
+    landing : LandingSpec
+    programme : Programme
+        Programme whose altitudes are those of the landing, one per frame.
+    waveform, seed
+        Those of the scene.
+
+    Raises
+    ------
+    ValueError
+        If the altitudes are not those of the landing.
+    """
+
+    def __init__(self, landing: LandingSpec, programme: Programme, waveform: Waveform, seed: int) -> None:
+        self._programme = programme
+        self._profile = landing.profile(waveform, len(programme.altitudes_m), seed)
+        apart = np.max(np.abs(np.maximum(self._profile.altitude_m, 0.0) - programme.altitudes_m))
+        if apart > 0.5:
+            raise ValueError(
+                f"return: terrain plays the landing, but altitude.programme_m is up to {apart:.1f} m off it; leave "
+                "programme_m out"
+            )
+        index = np.arange(programme.total_frames)
+        self._trial = np.cumsum(programme.is_trial(index)) - 1
+
+    def echo(self, frame_index: int, transmitted: np.ndarray) -> np.ndarray:
+        """(N,) return of sweep ``frame_index``; outside the trials the sweep itself, at altitude zero."""
+        if not self._programme.is_trial(frame_index):
+            return transmitted
+        return self._profile.frame(int(self._trial[frame_index]))

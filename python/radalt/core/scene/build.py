@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from ..channel.simulated import SimulatedChannel, TerrainPlayer
+from ..channel.simulated import SimulatedChannel
 from ..interference.stream import JammerStream
 from ..programme import SentAltitudes
-from ..receiver.leakage import leakage_canceller
+from ..receiver.leakage_file import leakage_canceller
 from ..receiver.segmenter import FrameSegmenter
+from ..returns.landing import TerrainPlayer
 from ..sweeps import SentSweeps
 from .scene import Scene
 

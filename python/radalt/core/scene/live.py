@@ -1,4 +1,4 @@
-"""Displays of a live view: the range profile with its threshold, and a strip of altitudes; nothing here is scored."""
+"""Displays of a live view: the range profile with its threshold, and a strip of altitudes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from ..channel.simulated import DropSettings
+from ..channel.settings import DropSettings
 from ..receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..waveform import Waveform
 from .scene import Scene

@@ -76,7 +76,7 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
 
 
 def without_pfa(data: Any) -> tuple[Any, float | None]:
-    """A mapping without the old key ``altimeter.pfa``, and its value."""
+    """A mapping without the former key ``altimeter.pfa``, and its value."""
     altimeter = data.get("altimeter") if isinstance(data, dict) else None
     if not (isinstance(altimeter, dict) and "pfa" in altimeter):
         return data, None

@@ -7,11 +7,12 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-from ..channel.simulated import ChannelSettings
+from ..channel.settings import ChannelSettings
 from ..interference.placement import Interferer
 from ..parsing import shown
 from ..receiver.altimeter import AltimeterSettings
-from ..receiver.leakage import FITTED_ABOVE_M, UNCALIBRATED
+from ..receiver.leakage import FITTED_ABOVE_M
+from ..receiver.leakage_file import UNCALIBRATED
 from ..receiver.segmenter import SegmenterSettings
 from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec

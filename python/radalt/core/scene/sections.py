@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from ..parsing import shown
+from ..parsing import check_range, shown
 from ..programme import Programme
 from ..radio.device import Device, device
 
@@ -54,10 +54,7 @@ class AltitudeSpec:
     landing_frames: int = 200
 
     def __post_init__(self) -> None:
-        if not 2 <= self.landing_frames <= 100_000:
-            raise ValueError(
-                f"altitude.landing_frames is {self.landing_frames}; it has to be within 2..100000"
-            )
+        check_range("altitude", self, landing_frames=(2, 100_000))
         if self.mode not in ("synthetic", "true_delay"):
             raise ValueError(f"altitude.mode is {self.mode!r}; allowed: synthetic, true_delay")
         if self.vertical_speed_m_per_s and self.mode == "synthetic":
@@ -149,29 +146,24 @@ class RadioSpec:
             raise ValueError(
                 f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
             )
-        for name, (low, high) in self._ranges().items():
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(
-                    f"radio.{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}"
-                )
+        limits = self.limits
+        most_offset_hz = limits.master_clock_hz[1] / 2
+        check_range(
+            "radio",
+            self,
+            radar_tx_gain_db=limits.tx_gain_db,
+            jammer_tx_gain_db=limits.tx_gain_db,
+            radar_rx_gain_db=limits.rx_gain_db,
+            attenuation_db=(0.0, _MOST_ATTENUATION_DB),
+            master_clock_hz=limits.master_clock_hz,
+            lo_offset_hz=(-most_offset_hz, most_offset_hz),
+        )
         for name in ("radar_serial", "jammer_serial"):
             if not _SERIAL.fullmatch(getattr(self, name)):
                 # a serial is part of a device address, in which a comma separates arguments
                 raise ValueError(
                     f"radio.{name} is {shown(getattr(self, name))}; a serial is at most 32 letters and digits"
                 )
-
-    def _ranges(self) -> dict[str, tuple[float, float]]:
-        limits = self.limits
-        most_offset_hz = limits.master_clock_hz[1] / 2
-        return {
-            "radar_tx_gain_db": limits.tx_gain_db,
-            "jammer_tx_gain_db": limits.tx_gain_db,
-            "radar_rx_gain_db": limits.rx_gain_db,
-            "attenuation_db": (0.0, _MOST_ATTENUATION_DB),
-            "master_clock_hz": limits.master_clock_hz,
-            "lo_offset_hz": (-most_offset_hz, most_offset_hz),
-        }
 
     @property
     def limits(self) -> Device:

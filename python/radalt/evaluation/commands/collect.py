@@ -5,11 +5,6 @@
 Counts of runs with equal settings are added and their intervals recomputed; simulated runs and runs with radios are
 kept apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) are refused with the reason; a run that
 occurs twice counts once. Needs no GNU Radio.
-
-    .venv/bin/python flowgraphs/collect.py --compare results/before results/after
-
-lists the settings and versions in which two runs differ, and the points that differ significantly (Fisher's exact test,
-Holm's correction for multiple comparisons).
 """
 
 from __future__ import annotations
@@ -18,8 +13,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..engine.options import Parser, check_ours, command, path
-from ..overlap.comparison import compare
+from ..engine.options import Parser, command, path
 from ..overlap.pooling import collect
 
 PROGRAM, COMMAND = "collect", "collect"
@@ -31,29 +25,13 @@ def _parser() -> Parser:
     parser.add_argument(
         "--out", type=path, help="folder of the report (default: results/collected-DATE-TIME)"
     )
-    parser.add_argument(
-        "--compare",
-        action="store_true",
-        help="differences between two folders; --out stores them as comparison.md",
-    )
     return parser
 
 
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Pool the folders; returns 0, or 2 after one line about what does not fit."""
-    parser = _parser()
-    args = parser.parse_args(argv)
-    if args.compare:
-        if len(args.folders) != 2:
-            parser.error(f"--compare takes two folders, not {len(args.folders)}")
-        text = compare(*args.folders)
-        print(text)
-        if args.out is not None:
-            args.out.mkdir(parents=True, exist_ok=True)
-            check_ours(args.out / "comparison.md", "## Settings and versions")
-            (args.out / "comparison.md").write_text(text + "\n", encoding="utf-8")
-        return 0
+    args = _parser().parse_args(argv)
     out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
     report, notes = collect(args.folders, out)
     for note in notes:

@@ -117,33 +117,26 @@ def _scene(args: argparse.Namespace) -> Any:
 
     scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
     own = _own_methods(args)
-    given: dict[str, tuple[str, Any]] = {
-        "overlap": ("--overlap", lambda: parse_axis(args.overlap, "--overlap")),
-        "sir_db": ("--sir-db", lambda: parse_axis(args.sir_db, "--sir-db")),
-        "snr_db": ("--snr-db", lambda: parse_axis(args.snr_db, "--snr-db")),
-        "altitudes_m": ("--altitudes", lambda: parse_axis(args.altitudes, "--altitudes")),
-        "frames": ("--frames", lambda: args.frames),
-        "seed": ("--seed", lambda: args.seed),
-        "methods": ("--methods", lambda: [m.strip() for m in args.methods.split(",")]),
-    }
-    for name, (option, value) in given.items():
-        if getattr(args, option[2:].replace("-", "_")) is None:
-            continue
+    for option, name, given, parse in (
+        ("--overlap", "overlap", args.overlap, parse_axis),
+        ("--sir-db", "sir_db", args.sir_db, parse_axis),
+        ("--snr-db", "snr_db", args.snr_db, parse_axis),
+        ("--altitudes", "altitudes_m", args.altitudes, parse_axis),
+        ("--frames", "frames", args.frames, lambda frames, _: frames),
+        ("--seed", "seed", args.seed, lambda seed, _: seed),
+        ("--methods", "methods", args.methods, lambda text, _: _names(text)),
+        ("--method-file or --model", "own", own or None, lambda own, _: own),
+    ):
         try:
-            scene = changed(scene, **{name: value()})
+            scene = scene if given is None else changed(scene, **{name: parse(given, option)})
         except ValueError as error:
             text = str(error)
             raise SceneError(text if option in text else f"{option}: {text}") from None
-    if own:
-        options = dict(scene.method_options)
-        for name, more in own.items():
-            options[name] = {**(options.get(name) or {}), **more}
-        methods = (*scene.methods, *(name for name in own if name not in scene.methods))
-        try:
-            scene = dataclasses.replace(scene, method_options=options, methods=methods)
-        except ValueError as error:
-            raise SceneError(f"--method-file or --model: {error}") from None
     return scene
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
 
 
 def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
@@ -187,69 +180,46 @@ def _require_radios(scene: Any, needed: int) -> None:
 
 def _print_pd(out: Path) -> None:
     """Print Pd and wrong altitudes by overlap and method, one block per panel."""
-    from ..overlap.figures import panels
+    from ..overlap.panels import panels, series_of
     from ..results.folder import read_report
-
-    report = read_report(out)
-    rows, tracked = report["rows"], report["tracked"]
-    for title, mine in panels(rows):
-        methods = list(dict.fromkeys(r["method"] for r in mine))
-        widths = [max(6, len(m)) for m in methods]
-        print(f"\nPd, {title}")
-        print("  overlap  " + "  ".join(f"{m:>{w}}" for m, w in zip(methods, widths, strict=True)))
-        for overlap in sorted({r["overlap"] for r in mine}):
-            at = {r["method"]: r["pd"] for r in mine if r["overlap"] == overlap}
-            cells = ("-" if at[m] is None else f"{at[m]:.3f}" for m in methods)
-            print(f"  {overlap:7g}  " + "  ".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)))
-    print("\nwrong and called valid, of all trials: " + ", ".join(_wrong(rows)))
-    if tracked:
-        print("tracked outputs: " + ", ".join(_tracked(tracked)))
-
-
-def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Number of declared altitudes with an error of 5 m or more, per method."""
+    from ..results.integrity import Integrity
     from ..results.score import pool
 
-    out = []
-    for method in dict.fromkeys(r["method"] for r in rows):
-        total = pool([r for r in rows if r["method"] == method])
-        out.append(f"{method} {total.wrong} of {total.trials}")
-    return out
-
-
-def _tracked(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Availability and hazardous outputs per method."""
-    from ..results.integrity import Integrity
-
-    out = []
-    for method in dict.fromkeys(r["method"] for r in rows):
-        total = sum((Integrity.of_row(r) for r in rows if r["method"] == method), Integrity())
-        out.append(
-            f"{method} {total.availability:.3f} available, {total.hazardous} of {total.outputs} hazardous"
-        )
-    return out
+    report = read_report(out)
+    for title, mine in panels(report["rows"]):
+        methods = {method: max(6, len(method)) for method in series_of(mine)}
+        print(f"\nPd, {title}")
+        print("  overlap  " + "  ".join(f"{method:>{width}}" for method, width in methods.items()))
+        for overlap in sorted({r["overlap"] for r in mine}):
+            at = {r["method"]: r["pd"] for r in mine if r["overlap"] == overlap}
+            cells = {method: "-" if at[method] is None else f"{at[method]:.3f}" for method in methods}
+            print(f"  {overlap:7g}  " + "  ".join(f"{cells[m]:>{width}}" for m, width in methods.items()))
+    totals = {method: pool(rows) for method, rows in series_of(report["rows"]).items()}
+    wrong = ", ".join(f"{method} {total.wrong} of {total.trials}" for method, total in totals.items())
+    print(f"\nwrong and called valid, of all trials: {wrong}")
+    flown = []
+    for method, rows in series_of(report["tracked"]).items():
+        total = sum(map(Integrity.of_row, rows), Integrity())
+        hazardous = f"{total.hazardous} of {total.outputs} hazardous"
+        flown.append(f"{method} {total.availability:.3f} available, {hazardous}")
+    if flown:
+        print(f"tracked outputs: {', '.join(flown)}")
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Print the plan for the radios; returns 0 if the interlock allows it, else 2."""
-    from ..overlap.study import check_scene
-    from ..radios.setup import describe
-
-    scene = _scene(args)
-    check_scene(scene)
-    lines, allowed = describe(scene)
-    print("\n".join(lines))
-    return 0 if allowed else 2
-
-
-def _plan(args: argparse.Namespace) -> int:
+    """Print the plan of the run, or of the radios; returns 2 if the interlock does not allow the latter, else 0."""
     from ..flowgraph.plan import make_plan
     from ..overlap.study import check_scene
+    from ..radios.settings import describe
 
-    scene = _scene(args)
+    scene, allowed = _scene(args), True
     check_scene(scene)
-    print(make_plan(scene, scene.methods, simulated=args.sim).text())
-    return 0
+    if args.plan:
+        lines = [make_plan(scene, scene.methods, simulated=args.sim).text()]
+    else:
+        lines, allowed = describe(scene)
+    print("\n".join(lines))
+    return 0 if allowed else 2
 
 
 def _calibrate(args: argparse.Namespace) -> int:
@@ -271,8 +241,8 @@ def _replay(args: argparse.Namespace) -> int:
         args.replay,
         out,
         scene=_scene(args) if args.scene else None,
-        methods=[m.strip() for m in args.methods.split(",")] if args.methods else None,
-        method_options=_own_methods(args),
+        methods=_names(args.methods) if args.methods else None,
+        own=_own_methods(args),
         reference_m=args.reference_m,
     )
     for row in rows:
@@ -318,12 +288,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if problem:
         complain(PROGRAM, problem)
         return 2
-    for wanted, action in (
-        (args.plan, _plan),
-        (args.check, _check),
-        (args.calibrate, _calibrate),
-        (args.replay, _replay),
-    ):
-        if wanted:
-            return action(args)
-    return _run(args, options)
+    if args.plan or args.check:
+        return _check(args)
+    if args.calibrate:
+        return _calibrate(args)
+    return _replay(args) if args.replay else _run(args, options)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...core.interference.emitters.nr import frame_samples
 from ...core.interference.multipath import FadingChannel
-from ...core.interference.nr_grid import NrConfig
+from ...core.interference.nr_config import NrConfig
 from ..engine.options import MAX_SEED, Parser, check_ours, command, number, path
 from ..transmitters import TRANSMITTERS, transmit
 

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from ..results.folder import FolderError
 from .estimate import AROUND_S, estimate
-from .options import Options, Terminated, complain, duration, expected_errors
-from .precision import check_precision, most_batches
+from .options import EXPECTED, Options, Terminated, complain, duration
 from .publish import check_target, publish
 from .run import Progress, run
 from .study import Study
@@ -65,9 +64,7 @@ def main(
     *,
     program: str,
     dry_run: bool,
-    describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(str(v) for v in rows[0].values())[
-        :120
-    ],
+    describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(map(str, rows[0].values()))[:120],
     after: Callable[[Path], int | None] = lambda folder: None,
 ) -> int:
     """Check and run a study, or the result of a callable; returns the exit status.
@@ -92,9 +89,9 @@ def main(
         bar.close()
         shown = [page] if options.publish is None else publish(options.out, study.published, options.publish)
         status = after(options.out)
-    except expected_errors() as error:
+    except EXPECTED as error:
         bar.close()
-        complain(program, _full(error, options) or error)
+        complain(program, _said(error, options))
         return 2
     except KeyboardInterrupt as error:
         bar.close()
@@ -105,47 +102,33 @@ def main(
     return status or 0
 
 
-def _full(error: Exception, options: Options) -> str:
-    """One line for a disk that is full or failing, else empty."""
-    if getattr(error, "errno", None) not in _DISK:
-        return ""
-    return (
-        f"{error.filename or options.out} cannot be written ({error.strerror}); the points so far are kept: "
-        "mend that and go on with --resume"
-    )
+def _said(error: Exception, options: Options) -> Exception | str:
+    """The error, or a line for a disk that is full or failing."""
+    if not isinstance(error, OSError) or error.errno not in _DISK:
+        return error
+    kept = "the points so far are kept: mend that and go on with --resume"
+    return f"{error.filename or options.out} cannot be written ({error.strerror}); {kept}"
 
 
 def _cost(study: Study, options: Options) -> str:
-    """Points, frames and time before the run; with ``--precision`` from pilots only to every Pd at one half."""
+    """Points, frames and time before the run."""
     points = study.points()
-    seconds = estimate(study, points, options.jobs, here=not options.scheduler, around_s=AROUND_S)
-    where = " of one core's time" if options.scheduler else ""
-    text = f"{len(points)} points, {sum(p.frames for p in points)} frames, about {duration(seconds)}{where}"
-    if options.precision is None:
-        return text
-    check_precision([p.frames for p in points], options.precision)
-    most = [most_batches(p.frames, options.precision) if p.frames else 1 for p in points]
-    frames = sum(p.frames * m for p, m in zip(points, most, strict=True))
-    seconds *= sum(most) / max(len(points), 1)
-    return (
-        f"{text} for the first batch of each; with --precision {options.precision:g} up to {frames} frames, "
-        f"{duration(seconds)}, if every Pd were 0.5"
-    )
+    if options.scheduler:
+        time_text = f"{duration(estimate(study, points, 1))} of one core's time"
+    else:
+        time_text = duration(estimate(study, points, options.jobs) + AROUND_S)
+    return f"{len(points)} points, {sum(p.frames for p in points)} frames, about {time_text}"
 
 
 def _kept(options: Options, last: Progress | None) -> str:
     """Stored points of an interrupted run and the command that resumes it; empty if there are none."""
     if last is None:
         return ""
-    return f"; {last.done} of {last.total} points are kept, go on with: {_resuming(options)}"
-
-
-def _resuming(options: Options) -> str:
-    """The command that resumes this run, as typed."""
     called, *arguments = sys.argv
     words = [*(called.split() if called.startswith("radalt ") else [sys.executable, called]), *arguments]
     if Path(called).resolve().parent.name == "training":  # these programs find the package by PYTHONPATH
         words.insert(0, f"PYTHONPATH={os.environ.get('PYTHONPATH', '')}")
     if not any(word == "--out" or word.startswith("--out=") for word in words):
         words += ["--out", str(options.out)]
-    return shlex.join(words if options.resume else [*words, "--resume"])
+    resuming = shlex.join(words if options.resume else [*words, "--resume"])
+    return f"; {last.done} of {last.total} points are kept, go on with: {resuming}"

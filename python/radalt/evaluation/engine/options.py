@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NoReturn
 
@@ -23,6 +23,7 @@ from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
 __all__ = [
+    "EXPECTED",
     "MAX_JOBS",
     "MAX_SEED",
     "Options",
@@ -34,7 +35,6 @@ __all__ = [
     "command_of",
     "complain",
     "duration",
-    "expected_errors",
     "names_of",
     "number",
     "options_of",
@@ -45,6 +45,8 @@ __all__ = [
 MAX_JOBS = 256  # most local workers: more than any machine's cores
 MAX_SEED = 2**63 - 1  # largest seed: int64
 _HEAD_BYTES = 1 << 16  # part of a file that may be overwritten in which its mark is, bytes
+# errors that users can correct, the bases of all of this package: wrong input, failing machines, missing packages
+EXPECTED = (ValueError, RuntimeError, OSError, ImportError, MemoryError)
 _TRACEBACK = "RADALT_TRACEBACK"  # environment variable that keeps tracebacks
 
 
@@ -145,8 +147,7 @@ def a_home() -> Iterator[None]:
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Decorator of a ``main``: expected errors become one line and status 2, Ctrl-C 130, SIGTERM 143, imports included.
 
-    Expected are the errors of this package and its dependencies for wrong input and failing machines; others keep their
-    traceback. With ``RADALT_TRACEBACK`` in the environment all do.
+    Other errors keep their traceback. With ``RADALT_TRACEBACK`` in the environment all do.
     """
 
     def decorate(main: Callable[..., int]) -> Callable[..., int]:
@@ -158,7 +159,7 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
             try:
                 with terminable(), a_home():
                     return main(*args, **options)
-            except (ValueError, RuntimeError, OSError, ImportError, MemoryError) as error:
+            except EXPECTED as error:
                 complain(program, error)
                 return 2
             except Terminated:
@@ -175,36 +176,16 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run; they do not change rows, except that ``precision`` sets the number of batches.
+    """Options of a run; no row depends on them."""
 
-    Attributes
-    ----------
-    out : Path
-        Result folder.
-    resume : bool
-        Complete the run in ``out``.
-    jobs : int
-        Local worker processes; 0 measures in this process, point by point and without a time limit.
-    scheduler : str
-        Address or scheduler file of a Dask cluster; empty for local processes.
-    time_limit_s : float
-        Longest time for one batch of a point.
-    precision : float or None
-        Target half width of the 95 % interval of Pd; None measures one batch of every point.
-    command : str
-        Command line for the report.
-    publish : Path or None
-        Folder for the study's page, figures and data under their stable names.
-    """
-
-    out: Path
-    resume: bool = False
+    out: Path  # result folder
+    resume: bool = False  # complete the run in ``out``
+    # local worker processes; 0 measures in this process, point by point and without a time limit
     jobs: int = 2
-    scheduler: str = ""
-    time_limit_s: float = 120.0
-    precision: float | None = None
-    command: str = ""
-    publish: Path | None = None
+    scheduler: str = ""  # address or scheduler file of a Dask cluster; empty for local processes
+    time_limit_s: float = 120.0  # longest time for one point
+    command: str = ""  # command line for the report
+    publish: Path | None = None  # folder for the study's page, figures and data under their stable names
 
 
 def typed(program: str) -> str:
@@ -212,11 +193,9 @@ def typed(program: str) -> str:
     called = sys.argv[0]  # see evaluation/programs.py
     if called.startswith("radalt "):
         return called
-    if Path(called).resolve().parent.name == "tools":
-        return f".venv/bin/python tools/{program}.py"
-    if Path(called).resolve().parent.name == "training":
-        return f"PYTHONPATH=python .venv/bin/python training/{program}.py"
-    return f".venv/bin/python flowgraphs/{program}.py"
+    folder = Path(called).resolve().parent.name
+    folder = folder if folder in ("tools", "training") else "flowgraphs"
+    return f"{'PYTHONPATH=python ' * (folder == 'training')}.venv/bin/python {folder}/{program}.py"
 
 
 class Parser(argparse.ArgumentParser):
@@ -239,13 +218,9 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_options(
-    parser: argparse.ArgumentParser,
-    *,
-    out: str | None = None,
-    time_limit_s: float = 120.0,
-    sampled: bool = True,
+    parser: argparse.ArgumentParser, *, out: str | None = None, time_limit_s: float = 120.0
 ) -> None:
-    """``--out --resume --publish --jobs --scheduler --time-limit-s --precision --dry-run``, equal for every study.
+    """``--out --resume --publish --jobs --scheduler --time-limit-s --dry-run``, equal for every study.
 
     ``--seed`` is an option of the study, since rows depend on it.
     """
@@ -277,34 +252,15 @@ def add_options(
         default=time_limit_s,
         help="longest time for one point (default: %(default)g)",
     )
-    if sampled:
-        add(
-            "--precision",
-            type=number(float, 0.001, 0.5),
-            metavar="W",
-            help="measure each point until the 95 %% half width of Pd is at most W, such as 0.02",
-        )
-    add(
-        "--dry-run",
-        action="store_true",
-        help="print points, frames and the estimated time; measure nothing",
-    )
+    add("--dry-run", action="store_true", help="print points, frames and the estimated time; measure nothing")
 
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:
     """`Options` from the arguments of `add_options`; ends the program with one line for a wrong value."""
     if args.resume and args.out is None:
         parser.error("--resume needs --out with the folder of the run to complete")
-    return Options(
-        out=args.out,
-        resume=args.resume,
-        jobs=args.jobs,
-        scheduler=args.scheduler,
-        time_limit_s=args.time_limit_s,
-        precision=getattr(args, "precision", None),
-        command=command,
-        publish=args.publish,
-    )
+    given = {f.name: getattr(args, f.name) for f in fields(Options) if f.name != "command"}
+    return Options(**given, command=command)
 
 
 def names_of(parser: Parser, option: str, text: str, known: Collection[str]) -> tuple[str, ...]:
@@ -347,41 +303,6 @@ def command_of(args: argparse.Namespace, parser: Parser) -> str:
 
 def _word(value: object) -> str:
     return value.name if isinstance(value, Path) else str(value)
-
-
-def expected_errors() -> tuple[type[Exception], ...]:
-    """Errors that users can correct: every error class of this package, and the system's about files and memory."""
-    from ...core.mitigation import MitigationError
-    from ...core.parsing import InputError
-    from ...core.radio.calibration import CalibrationError
-    from ...core.radio.interlock import InterlockError
-    from ...core.radio.recording import RecordingError
-    from ...core.returns.terrain import TerrainError, TrajectoryError
-    from ...core.scene import SceneError
-    from ..flowgraph import FlowgraphError
-    from ..results.folder import FolderError
-    from .pool import WorkerError
-    from .precision import PrecisionError
-
-    own = (
-        InputError,
-        SceneError,
-        MitigationError,
-        CalibrationError,
-        InterlockError,
-        RecordingError,
-        TerrainError,
-    )
-    return (
-        *own,
-        TrajectoryError,
-        FlowgraphError,
-        FolderError,
-        WorkerError,
-        PrecisionError,
-        OSError,
-        MemoryError,
-    )
 
 
 def duration(seconds: float) -> str:

@@ -7,7 +7,6 @@ Faulty flowgraphs do both.
 from __future__ import annotations
 
 import atexit
-import contextlib
 import multiprocessing
 import os
 import signal
@@ -21,7 +20,7 @@ from typing import Any
 from ...core.interrupts import ctrl_c_waits
 from ...core.text import said
 
-__all__ = ["WorkerError", "answered", "cause", "enter", "run_tasks", "too_late", "uninterrupted"]
+__all__ = ["WorkerError", "answered", "outcome_of", "processes", "run_tasks"]
 
 _START_S = 10.0  # longest wait at the end of a run for workers that are starting, s
 
@@ -41,6 +40,20 @@ def answered(function: Callable[..., Any], *arguments: Any) -> tuple[bool, Any]:
         return True, said(error)
 
 
+def processes(workers: int, *initialized: Semaphore) -> Any:
+    """A pool of pebble with so many processes, each pinned to a core and with one BLAS thread.
+
+    Processes are spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state. They
+    inherit the environment.
+    """
+    from pebble import ProcessPool
+
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    spawned = multiprocessing.get_context("spawn")
+    return ProcessPool(workers, context=spawned, initializer=_enter, initargs=initialized)
+
+
 def run_tasks(
     function: Callable[[Any], Any],
     tasks: Sequence[Any],
@@ -51,39 +64,15 @@ def run_tasks(
 ) -> Iterator[tuple[int, Any]]:
     """Yield ``(index, function(task))`` as tasks finish, in no particular order.
 
-    Parameters
-    ----------
-    function : callable
-        Importable by name; called in a spawned process, which runs many tasks.
-    tasks : sequence
-        Picklable arguments.
-    jobs : int
-        Worker processes, >= 1.
-    time_limit_s : float
-        Longest time for one task.
-    label : callable
-        Names a task in error messages.
-
-    Raises
-    ------
-    WorkerError
-        If a worker dies, a task exceeds its time or fails with an error meant for the user. The other workers are
-        stopped.
+    ``function``, importable by name, and the tasks are pickled; each of ``jobs`` spawned processes runs many tasks,
+    each task at most ``time_limit_s``. ``label`` names a task in error messages. Raises WorkerError if a worker dies, a
+    task exceeds its time or fails with an error meant for the user. The other workers are stopped.
     """
-    from concurrent.futures.process import BrokenProcessPool
-
-    from pebble import ProcessExpired, ProcessPool
-
     if not tasks:
         return
-    # one BLAS thread, since a worker has one core: more would take twice the time. Workers inherit the environment.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    # spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state
-    context = multiprocessing.get_context("spawn")
     workers = min(jobs, len(tasks))
-    ready = context.Semaphore(0)
-    with ProcessPool(workers, context=context, initializer=_enter_pool, initargs=(ready,)) as pool:
+    ready = multiprocessing.get_context("spawn").Semaphore(0)
+    with processes(workers, ready) as pool:
         todo = iter(enumerate(tasks))
         running: dict[Future, int] = {}
 
@@ -93,26 +82,21 @@ def run_tasks(
                 running[pool.schedule(answered, (function, task), timeout=time_limit_s)] = index
                 return
 
-        with uninterrupted():
+        # Ctrl-C is sent to the process group, and would interrupt the workers' imports: their owner ends them
+        resource_tracker.ensure_running()  # its start inside the block would unblock Ctrl-C
+        with ctrl_c_waits():
             for _ in range(workers):
                 hand_out()
         try:
             while running:
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     index = running.pop(future)
-                    what = label(tasks[index])
                     try:
-                        failed, value = future.result()
-                    except TimeoutError:
-                        raise WorkerError(f"{what}: {too_late(time_limit_s)}") from None
-                    except ProcessExpired as error:
-                        raise WorkerError(
-                            f"{what}: the worker process ended ({cause(error.exitcode)})"
-                        ) from None
-                    except BrokenProcessPool:  # the worker ended before it acknowledged the task
-                        raise WorkerError(f"{what}: the worker process ended ({cause(None)})") from None
+                        failed, value = outcome_of(future, time_limit_s)
+                    except WorkerError as error:
+                        failed, value = True, error
                     if failed:
-                        raise WorkerError(f"{what}: {value}")
+                        raise WorkerError(f"{label(tasks[index])}: {value}") from None
                     hand_out()
                     yield index, value
         except BaseException:
@@ -125,55 +109,50 @@ def run_tasks(
                     break
 
 
-def too_late(time_limit_s: float) -> str:
-    """Message for a task beyond its time limit."""
-    return f"not done after {time_limit_s:g} s; raise the time limit (--time-limit-s)"
+def outcome_of(future: Future, time_limit_s: float) -> tuple[bool, Any]:
+    """Result of `answered` in a pool; raises WorkerError if the process ended or exceeded its time."""
+    from concurrent.futures.process import BrokenProcessPool
+
+    from pebble import ProcessExpired
+
+    try:
+        return future.result()
+    except TimeoutError:
+        text = f"not done after {time_limit_s:g} s; raise the time limit (--time-limit-s)"
+        raise WorkerError(text) from None
+    except ProcessExpired as error:
+        raise WorkerError(f"the worker process ended ({_cause(error.exitcode)})") from None
+    except BrokenProcessPool:  # the worker ended before it acknowledged the task
+        raise WorkerError("the worker process ended (it no longer answers)") from None
 
 
-def cause(exitcode: int | None) -> str:
+def _cause(exitcode: int) -> str:
     """Why a process ended, in words."""
-    if exitcode is None:
-        return "it no longer answers"
     if exitcode >= 0:
         return f"exit code {exitcode}"
     name = signal.Signals(-exitcode).name
     return f"{name}; out of memory? try fewer jobs" if name == "SIGKILL" else name
 
 
-def enter() -> None:
-    """Start of a process that measures: pin it to a core.
+def _enter(*initialized: Semaphore) -> None:
+    """Start of a process that measures: pin it to a core, turn ``os._exit(0)`` of a user's method into a failure.
 
     A flowgraph's threads share one interpreter, so a second core gains nothing and changes of core cost time: `none`
-    and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one.
+    and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one. pebble takes exit status 0 for the regular
+    end of a worker, and its task would wait for the time limit. pebble sends SIGTERM right after closing the pipes. A
+    worker that is ending then ignores it, since Python without its handlers would print a traceback; pebble kills a
+    worker that does not end.
     """
     if hasattr(os, "sched_setaffinity"):
-        for core in sorted(os.sched_getaffinity(0)):
-            if _claim(core):
-                os.sched_setaffinity(0, {core})
-                break
-
-
-def _enter_pool(ready: Semaphore) -> None:
-    """Start of a pool's worker: `enter`, turn ``os._exit(0)`` of a user's method into a failure, release ``ready``.
-
-    pebble takes exit status 0 for the regular end of a worker, and its task would wait for the time limit. pebble sends
-    SIGTERM right after closing the pipes. A worker that is ending then ignores it, since Python without its handlers
-    would print a traceback; pebble kills a worker that does not end.
-    """
-    enter()
+        free = (core for core in sorted(os.sched_getaffinity(0)) if _claim(core))
+        core = next(free, None)
+        if core is not None:
+            os.sched_setaffinity(0, {core})
     atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGTERM})
     leave = os._exit
     os._exit = lambda status: leave(status or 1)
-    ready.release()
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Threads and processes that start in this block never receive Ctrl-C, which is sent to the process group: their
-    owner ends them, and interrupted imports would print tracebacks."""
-    resource_tracker.ensure_running()  # its start inside the block would unblock Ctrl-C
-    with ctrl_c_waits():
-        yield
+    for ready in initialized:
+        ready.release()
 
 
 _claims: list[socket.socket] = []

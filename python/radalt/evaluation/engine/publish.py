@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from ..results.folder import FolderError
 
@@ -13,14 +13,11 @@ __all__ = ["check_target", "publish"]
 
 
 def check_target(target: Path) -> None:
-    """Check that `publish` can write into a folder, or create it; nothing is written.
+    """Raise FolderError, one line, if `publish` cannot write into a folder or create it.
 
-    Raises
-    ------
-    FolderError
-        One line. It is raised before the run, since the page is copied after hours of measurement.
+    It is called before the run, since the page is copied after hours of measurement.
     """
-    there = next((p for p in (target, *target.absolute().parents) if p.exists()), Path("/"))
+    there = next(p for p in (target, *target.absolute().parents) if p.exists())
     if not there.is_dir():
         raise FolderError(f"--publish {target}: {there} is no folder; name another")
     if not os.access(there, os.W_OK | os.X_OK):
@@ -28,38 +25,21 @@ def check_target(target: Path) -> None:
 
 
 def publish(result: Path, files: Mapping[str, str], target: Path) -> list[Path]:
-    """Copy files of a result folder into ``target`` under other names, and adapt links between them in Markdown.
+    """Copy files of a finished run into ``target``, by `Study.published`; links between them follow in Markdown.
 
-    Parameters
-    ----------
-    result : Path
-        Folder of a finished run.
-    files : mapping of file in it -> name below ``target``
-        As `Study.published`.
-    target : Path
-        Created if missing; files of these names are replaced.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be read or written.
+    A table without rows has no file. Files of these names are replaced.
     """
     out = []
     for source, name in files.items():
         if source.endswith(".csv") and not (result / source).exists():
-            continue  # a table without rows
+            continue
         path = target / name
         path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(result / source, path)
         if path.suffix == ".md":
-            text = (result / source).read_text(encoding="utf-8")
-            path.write_text(_relinked(text, files, PurePosixPath(name).parent), encoding="utf-8")
-        else:
-            shutil.copyfile(result / source, path)
+            text = path.read_text(encoding="utf-8")
+            for other, its_name in files.items():
+                text = text.replace(f"]({other})", f"]({os.path.relpath(its_name, Path(name).parent)})")
+            path.write_text(text, encoding="utf-8")
         out.append(path)
     return out
-
-
-def _relinked(text: str, files: Mapping[str, str], folder: PurePosixPath) -> str:
-    for source, name in files.items():
-        text = text.replace(f"]({source})", f"]({PurePosixPath(os.path.relpath(name, folder))})")
-    return text

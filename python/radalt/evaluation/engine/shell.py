@@ -1,7 +1,6 @@
 """Common parts of the studies' commands: parser, options of the engine, run, exit status.
 
-A study's room holds one `command.py`, which the command ``radalt`` finds by scanning (`evaluation/programs.py`).
-This
+A study's room holds one `command.py`, which the command ``radalt`` finds by scanning (`evaluation/programs.py`). This
 module does not import NumPy, so that ``--help`` is fast.
 """
 
@@ -43,46 +42,26 @@ def add_seed(parser: Parser, default: int) -> None:
 
 @dataclass(frozen=True)
 class StudyCommand:
-    """The command of a study.
+    """The command of a study."""
 
-    Attributes
-    ----------
-    program : str
-        Name of the entry in ``flowgraphs/``.
-    module : str
-        ``__name__`` of the study's module, whose docstring has summary and examples.
-    arguments : callable of parser
-        Adds the options of the study.
-    study : callable of (args, parser)
-        Returns the study, or the exit status of options that run something else.
-    describe : callable of rows
-        Describes a measured point in a line.
-    after : callable of (result folder, args, study), optional
-        Prints a summary, and may return an exit status other than 0.
-    out : str
-        Default result folder; "" for ``results/PROGRAM``.
-    time_limit_s : float
-        Default of ``--time-limit-s``.
-    sampled : bool
-        Whether the command has ``--precision``.
-    """
-
-    program: str
-    module: str
-    arguments: Callable[[Parser], None]
+    program: str  # name of the entry in ``flowgraphs/``
+    module: str  # ``__name__`` of the study's module, whose docstring has summary and examples
+    arguments: Callable[[Parser], None]  # adds the options of the study
+    # of arguments and parser: returns the study, or the exit status of options that run something else
     study: Callable[[argparse.Namespace, Parser], Study | int]
+    # describes a measured point in a line
     describe: Callable[[Sequence[dict[str, Any]]], str]
+    # of result folder, arguments and study: prints a summary, and may return an exit status other than 0
     after: Callable[[Path, argparse.Namespace, Any], int | None] | None = None
-    out: str = ""
-    time_limit_s: float = 600.0
-    sampled: bool = True
+    out: str = ""  # default result folder; "" for ``results/PROGRAM``
+    time_limit_s: float = 600.0  # default of ``--time-limit-s``
 
     def parser(self) -> Parser:
         """The command line."""
         parser = Parser(self.program, sys.modules[self.module].__doc__ or "")
         self.arguments(parser)
         out = self.out or f"results/{self.program}"
-        add_options(parser, out=out, time_limit_s=self.time_limit_s, sampled=self.sampled)
+        add_options(parser, out=out, time_limit_s=self.time_limit_s)
         return parser
 
     def main(self, argv: Sequence[str] | None = None) -> int:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..results.rows import Columns
-from ..results.score import pool
 
 if TYPE_CHECKING:
     from ..results.folder import RunFolder
@@ -18,26 +18,11 @@ __all__ = ["Point", "Run", "Study"]
 
 @dataclass(frozen=True)
 class Point:
-    """One unit of work; its rows are a function of (study, point, batch), in any process and order.
+    """One unit of work; its rows are a function of (study, point), in any process and order."""
 
-    Attributes
-    ----------
-    name : str
-        Unique name within the study, for progress, messages and the journal.
-    frames : int
-        Frames measured in one batch, for the estimate of the cost.
-    table : str
-        Table of the study for its rows.
-    """
-
-    name: str
-    frames: int = 0
-    table: str = "rows"
-
-    @property
-    def sampled(self) -> bool:
-        """Whether more batches reduce the uncertainty of its rows, in a study that is `Study.sampled`."""
-        return True
+    name: str  # unique name within the study, for progress, messages and the journal
+    frames: int = 0  # frames measured, for the estimate of the cost
+    table: str = "rows"  # table of the study for its rows
 
 
 @dataclass(frozen=True)
@@ -50,36 +35,24 @@ class Run:
     wall_s: float
     peak_memory_bytes: int
     command: str = ""
-    precision: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """As a mapping for ``report.json``."""
-        return {k: v for k, v in vars(self).items() if v not in (None, "")}
+        return {k: v for k, v in vars(self).items() if v != ""}
 
 
 class Study:
-    """Base of all studies: a frozen, picklable dataclass that holds everything on which its rows depend.
+    """Base of all studies: a frozen, picklable dataclass that holds everything on which its rows depend."""
 
-    Attributes
-    ----------
-    tables : mapping of name -> Columns
-        Tables of the result, each as ``NAME.csv``.
-    sampled : bool
-        Whether a point's rows are estimates over trials, so that more batches reduce their uncertainty
-        (``--precision``).
-    max_jobs : int or None
-        Most points measured at once; 1 where times are measured.
-    published : mapping of file -> name
-        Files of the result folder for the documentation, and their names there (``--publish``).
-    """
-
+    # tables of the result, each as ``NAME.csv``
     tables: ClassVar[Mapping[str, Columns]]
-    sampled: ClassVar[bool] = False
-    max_jobs: ClassVar[int | None] = None
+    max_jobs: ClassVar[int | None] = None  # most points measured at once; 1 where times are measured
+    # files of the result folder for the documentation, and their names there (``--publish``)
     published: ClassVar[Mapping[str, str]] = {}
 
     def check(self) -> None:
-        """Check all settings before the run; raises an expected error, one line."""
+        """Check all settings before the run; raises an expected error, one line. By default `head` finds it."""
+        self.head()
 
     def head(self) -> dict[str, Any]:
         """Everything on which a row depends, versions and hashes included, as JSON."""
@@ -93,26 +66,25 @@ class Study:
         """The study ready to be measured; generated files are in ``folder``."""
         return self
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
-        """Rows of one batch of a point; runs in a worker process."""
+    def measure(self, point: Point) -> list[dict[str, Any]]:
+        """Rows of a point; runs in a worker process."""
         raise NotImplementedError
 
     def table_of(self, point: Point, row: Mapping[str, Any]) -> str:
-        """Table of a row; only rows in the point's table control progress and precision."""
+        """Table of a row; the console shows the rows in the point's own table."""
         return point.table
 
-    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """Pooled rows of a point's batches: sums of counts, new intervals, other values of the first batch."""
-        if len(batches) == 1:
-            return list(batches[0])
-        return [dict(same[0]) | pool(same).row() for same in zip(*batches, strict=True)]
-
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """Write the report of all rows by table; returns the path of its page."""
-        raise NotImplementedError
+        """Write the report of all rows by table; returns the path of its page.
+
+        By default ``write_report(folder, study, rows, run)`` of the module ``report`` beside the study's.
+        """
+        room = type(self).__module__.rpartition(".")[0]
+        page: Path = importlib.import_module(".report", room).write_report(folder, self, rows, run)
+        return page
 
     def seconds(self, point: Point) -> float:
-        """Approximate CPU seconds of one batch of a point, for the estimate before the run."""
+        """Approximate CPU seconds of a point, for the estimate before the run."""
         raise NotImplementedError
 
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
@@ -135,8 +107,6 @@ class Study:
     @property
     def stays_here(self) -> str:
         """Why only this machine can measure the study, in words; empty if any can."""
-        return (
-            ""
-            if self.max_jobs is None
-            else f"it measures at most {self.max_jobs} points at once, on this machine"
-        )
+        if self.max_jobs is None:
+            return ""
+        return f"it measures at most {self.max_jobs} points at once, on this machine"

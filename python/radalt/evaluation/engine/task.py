@@ -1,4 +1,4 @@
-"""Tasks of workers: one batch of a point."""
+"""Measurement of a point in a worker."""
 
 from __future__ import annotations
 
@@ -10,36 +10,21 @@ from typing import Any
 
 from .study import Point, Study
 
-__all__ = ["Outcome", "Task", "kept_row", "measure_task", "peak_memory_bytes"]
-
-
-@dataclass(frozen=True)
-class Task:
-    """One batch of a point of a study."""
-
-    study: Study
-    point: Point
-    batch: int
-
-    @property
-    def label(self) -> str:
-        """Name in messages."""
-        return self.point.name if not self.batch else f"{self.point.name}, batch {self.batch}"
+__all__ = ["Outcome", "kept_row", "measure_point", "peak_memory_bytes"]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a task; ``process`` is unique among the processes of the run."""
+    """Rows of a point; ``process`` is unique among the processes of the run."""
 
     rows: list[dict[str, Any]]
     process: int | str
     peak_bytes: int
 
 
-def measure_task(task: Task) -> Outcome:
-    """Measure a task in a worker process."""
-    study = task.study
-    rows = [kept_row(study, task.point, row) for row in study.measure(task.point, task.batch)]
+def measure_point(study: Study, point: Point) -> Outcome:
+    """Measure a point in a worker process."""
+    rows = [kept_row(study, point, row) for row in study.measure(point)]
     return Outcome(rows, os.getpid(), peak_memory_bytes())
 
 

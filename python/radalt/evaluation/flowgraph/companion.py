@@ -23,8 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments:
         print(
-            "usage: python -m radalt.evaluation.flowgraph.companion FLOWGRAPH.py [arguments]",
-            file=sys.stderr,
+            "usage: python -m radalt.evaluation.flowgraph.companion FLOWGRAPH.py [arguments]", file=sys.stderr
         )
         return 2
     name = Path(arguments[0]).stem

@@ -16,13 +16,8 @@ _COUNTERS = ("frames", "lost_samples", "dropped_slow", "saturated_frames", "lock
 def scores(top: Any, scene: Scene) -> str:
     """One line per method (Pd, correct and all trials) and the segmenter's counters; the font is proportional.
 
-    Parameters
-    ----------
-    top : object
-        Finished flowgraph with ``altimeter_*`` and ``frame_segmenter`` as attributes; methods that are disabled in the
-        companion have no line.
-    scene : Scene
-        Scene of the run.
+    ``top`` is the finished flowgraph, with ``altimeter_*`` and ``frame_segmenter`` as attributes; methods that are
+    disabled in the companion have no line.
     """
     lines = [f"Pd, method: correct of trials (detected and within {CORRECT_LIMIT_M:g} m)"]
     for method in METHODS:

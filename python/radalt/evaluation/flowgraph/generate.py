@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import io
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,32 +15,17 @@ from typing import Any
 from ...core.paths import share_dir
 from ...core.scene import Scene
 from . import FlowgraphError
-from .plan import left_out
 from .rewrite import load_grc, prune, save_grc, simulate, tracked
 
-__all__ = ["Prepared", "generate", "grc_dirs", "prepare", "save_as_companion"]
+__all__ = ["Prepared", "generate", "generated_here", "grc_dirs", "prepare", "save_as_companion", "shipped"]
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A generated flowgraph, ready for any point of its scene.
+    """A generated flowgraph, ready for any point of its scene."""
 
-    Attributes
-    ----------
-    module : Path
-        Generated Python file.
-    name : str
-        Class and module name.
-    methods : tuple of str
-        Methods in the flowgraph.
-    left_out : tuple of str
-        Parts that were left out, with reasons.
-    """
-
-    module: Path
-    name: str
-    methods: tuple[str, ...]
-    left_out: tuple[str, ...]
+    module: Path  # generated Python file, named as its class
+    methods: tuple[str, ...] = ()  # methods in the flowgraph
 
 
 def grc_dirs() -> list[str]:
@@ -71,43 +57,37 @@ def _platform(*own: str) -> Any:
 
 
 @lru_cache(maxsize=1)
-def _shipped() -> dict[str, Any]:
-    """The flowgraph from which all others are derived, loaded once; `simulate` does not modify it."""
+def shipped() -> dict[str, Any]:
+    """``ota_b210.grc``, from which all other flowgraphs are derived; read once, and never changed in place."""
     return load_grc(share_dir() / "flowgraphs" / "ota_b210.grc")
 
 
-def save_as_companion(data: dict[str, Any], path: Path) -> None:
-    """Write a .grc file in the companion's own form: saving it there changes no line that nobody changed."""
+def _imported(data: dict[str, Any], path: Path) -> tuple[Any, Any]:
+    """GNU Radio's compiler, and the flowgraph in it."""
     platform = _platform(*grc_dirs())
     flow_graph = platform.make_flow_graph()
     flow_graph.import_data(copy.deepcopy(data))
     flow_graph.grc_file_path = str(path)
     flow_graph.rewrite()
+    return platform, flow_graph
+
+
+def save_as_companion(data: dict[str, Any], path: Path) -> None:
+    """Write a .grc file in the companion's own form: saving it there changes no line that nobody changed."""
+    platform, flow_graph = _imported(data, path)
     platform.save_flow_graph(str(path), flow_graph)
 
 
 def generate(data: dict[str, Any], folder: Path) -> Path:
-    """Write the .grc file and generate Python by GNU Radio's compiler.
+    """Write the .grc file and generate Python by GNU Radio's compiler; returns ``<id>.py``, beside ``<id>.grc``.
 
-    Returns
-    -------
-    Path
-        The generated file, ``<id>.py``, beside ``<id>.grc``.
-
-    Raises
-    ------
-    FlowgraphError
-        If a block is missing or the flowgraph is not valid; names the first error.
+    Raises FlowgraphError if a block is missing or the flowgraph is not valid; names the first error.
     """
     folder.mkdir(parents=True, exist_ok=True)
     name = data["options"]["parameters"]["id"]
     path = folder / f"{name}.grc"
     save_grc(data, path)
-    platform = _platform(*grc_dirs())
-    flow_graph = platform.make_flow_graph()
-    flow_graph.import_data(copy.deepcopy(data))
-    flow_graph.grc_file_path = str(path)
-    flow_graph.rewrite()
+    platform, flow_graph = _imported(data, path)
     flow_graph.validate()
     dummies = [block.name for block in flow_graph.blocks if block.is_dummy_block]
     if dummies:
@@ -123,24 +103,24 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
     return folder / f"{name}.py"
 
 
+@lru_cache(maxsize=1)
+def _scratch() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="radalt_")
+
+
+def generated_here(data: dict[str, Any]) -> Path:
+    """`generate` into a folder of its own that is removed at the end of the process."""
+    return generate(data, Path(tempfile.mkdtemp(dir=_scratch().name)))
+
+
 def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, track: bool = False) -> Prepared:
     """Rewrite, prune and generate the simulated flowgraph of a scene, once for all of its points.
 
-    Parameters
-    ----------
-    scene : Scene
-        Decides whether there is a jammer chain.
-    methods : sequence of str
-        Methods whose chains are kept.
-    build_dir : path
-        Receives ``.grc`` and ``.py``.
-    track : bool
-        Whether every method is followed by a tracker.
+    There is a jammer chain if the scene has a jammer, and a tracker behind every method with ``track``. ``build_dir``
+    receives ``.grc`` and ``.py``.
     """
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
-    data = prune(simulate(_shipped(), name), methods, scene.has_jammer)
+    data = prune(simulate(shipped(), name), methods, scene.has_jammer)
     if track:
-        name += "_tracked"
-        data = tracked(data, name)
-    module = generate(data, Path(build_dir))
-    return Prepared(module, name, tuple(methods), tuple(left_out(scene, methods)))
+        data = tracked(data, f"{name}_tracked")
+    return Prepared(generate(data, Path(build_dir)), tuple(methods))

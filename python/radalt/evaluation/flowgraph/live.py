@@ -25,16 +25,7 @@ _MARKS = ((1, 0), (2, 8), (3, 9))
 
 
 class StatusLine:
-    """Current measurements of the live view, as rich text of three lines.
-
-    Parameters
-    ----------
-    top : object
-        The live flowgraph; its blocks are found by name.
-    scene : Scene
-    clock : callable
-        Monotonic seconds, for the real-time factor.
-    """
+    """Current measurements of the live view, as rich text of three lines; the flowgraph's blocks are found by name."""
 
     def __init__(self, top: Any, scene: Scene, clock: Callable[[], float] = time.monotonic) -> None:
         self._top, self._clock = top, clock
@@ -126,11 +117,7 @@ def _loud(text: str, *, good: bool) -> str:
 def dress(top: Any, scene: Scene) -> None:
     """Set the size of the window and the markers of the altitude chart, and update the status line twice per second.
 
-    Parameters
-    ----------
-    top : object
-        The live flowgraph, constructed and not yet started.
-    scene : Scene
+    ``top`` is the live flowgraph, constructed and not yet started.
     """
     from PyQt5 import Qt
 

@@ -12,20 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from ...core.mitigation import CUSTOM, METHODS, MitigationError
-from ...core.paths import share_dir
 from ...core.radio.recording import Capture, RecordingError, open_capture
 from ...core.receiver.altimeter import Reason
 from ...core.scene import Scene
-from ..overlap.figures import series_style
-from ..overlap.points import sweep_points
+from ..overlap.points import changed, sweep_points
 from ..overlap.rows import COLUMNS
-from ..overlap.study import rows_of
+from ..overlap.study import check_methods, rows_of
 from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
+from ..results.style import series_style
 from ..simulation import PointResult
-from .generate import Prepared, generate
-from .rewrite import from_recording, load_grc, prune
+from .generate import Prepared, generate, shipped
+from .rewrite import from_recording, prune
 from .run import make_top, result_of
 from .watch import run_to_end
 
@@ -38,11 +36,13 @@ def score_recording(
     *,
     scene: Scene | None = None,
     methods: Sequence[str] | None = None,
-    method_options: Mapping[str, dict[str, Any]] | None = None,
-    time_limit_s: float = 600.0,
+    own: Mapping[str, dict[str, Any]] | None = None,
     reference_m: float | None = None,
 ) -> list[dict[str, Any]]:
     """Run a recording through every method's chain; write ``rows.csv`` or ``summary.json``, and ``frames.csv``.
+
+    Returns rows of `make_row` where the altitudes are known, else of `summary`. Raises RecordingError, SceneError,
+    MitigationError, FlowgraphError, one line.
 
     Parameters
     ----------
@@ -52,23 +52,10 @@ def score_recording(
         Result folder.
     scene : Scene, optional
         Needed for recordings of other programs; for those of this program it replaces all but altitudes and seed.
-    methods : sequence of str, optional
-        Default: the scene's.
-    method_options : mapping of method -> options, optional
-        Options that replace the scene's; methods named here are scored as well.
-
+    methods, own
+        As in `changed`.
     reference_m : float, optional
         Altitude at the beginning of another program's recording. Without it, altitudes are relative to the beginning.
-
-    Returns
-    -------
-    list of dict
-        Rows of `make_row` where the altitudes are known, else of `summary`.
-
-    Raises
-    ------
-    RecordingError, SceneError, MitigationError, FlowgraphError
-        One line.
     """
     capture = open_capture(path)
     placed, known = replay_scene(capture, scene)
@@ -76,33 +63,21 @@ def score_recording(
         raise RecordingError(
             f"--reference-m {reference_m:g}: {path} states its altitudes; leave the option out"
         )
-    if methods:
-        placed = dataclasses.replace(placed, methods=tuple(methods))
-    if method_options:
-        added = tuple(m for m in method_options if m not in placed.methods)
-        options = {**placed.method_options, **method_options}
-        placed = dataclasses.replace(placed, methods=placed.methods + added, method_options=options)
-    unknown = [m for m in placed.methods if m not in (*METHODS, CUSTOM)]
-    if unknown:
-        raise MitigationError(f"unknown method {unknown[0]!r}; known: {', '.join(METHODS)}")
+    placed = changed(placed, methods=methods, own=own)
+    check_methods(placed)
     folder = RunFolder(out, {"study": "replay", "recording": str(path), "methods": placed.methods})
     prepared = prepare_replay(placed.methods, out / "flowgraph")
-    result = run_replay(
-        prepared, placed, path, known=known, time_limit_s=time_limit_s, reference_m=reference_m or 0.0
-    )
+    result = run_replay(prepared, placed, path, known=known, reference_m=reference_m or 0.0)
     if not any(frames.size for frames in result.results.values()):
         w = placed.waveform
-        missing = open_capture(path).what_is_missing()
-        if missing:
-            raise RecordingError(f"{path}: {missing}; record it again")
-        raise RecordingError(
-            f"{path}: no sweep of {w.bandwidth_hz / 1e6:g} MHz in {w.sweep_s * 1e3:g} ms was found in it; "
-            "check the scene's waveform against the recording, and the recording's core:datatype, core:sample_rate "
-            "and length"
+        missing = capture.what_is_missing() or (
+            f"no sweep of {w.bandwidth_hz / 1e6:g} MHz in {w.sweep_s * 1e3:g} ms was found in it; check the scene's "
+            "waveform against the recording, and the recording's core:datatype, core:sample_rate and length"
         )
-    _write_frames(out / "frames.csv", result)
+        raise RecordingError(f"{path}: {missing}")
     relative = not known and reference_m is None
-    draw_replay(result, placed, out / "altitude.png", relative=relative)
+    _write_frames(out / "frames.csv", result)
+    _draw(result, placed, out / "altitude.png", relative=relative)
     notes = [*capture.notes]
     if relative:
         notes.append(
@@ -113,8 +88,7 @@ def score_recording(
     if not known:
         rows = summary(result)
         content = {"version": 1, "recording": str(path), "segmenter": result.segmenter}
-        content |= {"methods": rows, "notes": notes}
-        folder.write_text("summary.json", json.dumps(content))
+        folder.write_text("summary.json", json.dumps(content | {"methods": rows, "notes": notes}))
         return rows
     points = sweep_points(dataclasses.replace(placed, sweep=type(placed.sweep)()))
     rows = rows_of(placed, points[0], result)
@@ -122,18 +96,16 @@ def score_recording(
     return rows
 
 
-def draw_replay(result: PointResult, scene: Scene, path: Path, *, relative: bool) -> None:
+def _draw(result: PointResult, scene: Scene, path: Path, *, relative: bool) -> None:
     """Altitude over time, a panel per method, with a mark below for every frame without a detection."""
     methods = list(result.results)
     figure = new_figure(7.5, 0.8 + 1.9 * len(methods))
     axes = figure.subplots(len(methods), 1, sharex=True, squeeze=False)[:, 0]
-    for axis, method in zip(axes, methods, strict=True):
-        frames = result.results[method]
+    for axis, (method, frames) in zip(axes, result.results.items(), strict=True):
         time_s, valid = frames["frame_index"] * scene.waveform.sweep_s, frames["valid"]
         found = frames["altitude_m"][valid]
-        floor_m = (
-            (found.min() if found.size else 0.0) - 0.1 * (np.ptp(found) if found.size > 1 else 1.0) - 1.0
-        )
+        span_m = np.ptp(found) if found.size > 1 else 1.0
+        floor_m = found.min(initial=np.inf if found.size else 0.0) - 0.1 * span_m - 1.0
         colour = series_style(method, methods)["color"]
         axis.plot(time_s[valid], found, ".", ms=4, color=colour, label="declared")
         axis.plot(time_s[~valid], np.full((~valid).sum(), floor_m), "|", color="#999999", label="no altitude")
@@ -147,31 +119,21 @@ def draw_replay(result: PointResult, scene: Scene, path: Path, *, relative: bool
 
 def _write_frames(path: Path, result: PointResult) -> None:
     """Write one line per frame and method, floats without loss."""
+    names = next(iter(result.results.values())).dtype.names
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        names = next(iter(result.results.values())).dtype.names
         writer.writerow(["method", *names])
         for method, frames in result.results.items():
             for frame in frames:
-                values = (frame[name].item() for name in names)
-                writer.writerow(
-                    [
-                        method,
-                        *(
-                            Reason.NAMES[v] if n == "reason" else v
-                            for n, v in zip(names, values, strict=True)
-                        ),
-                    ]
-                )
+                values = {name: frame[name].item() for name in names}
+                values["reason"] = Reason.NAMES[values["reason"]]
+                writer.writerow([method, *values.values()])
 
 
 def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, bool]:
     """Scene for the score of a recording, and whether its programme is known (a recording of this program).
 
-    Raises
-    ------
-    RecordingError
-        If neither the recording nor the caller gives a scene.
+    Raises RecordingError if neither the recording nor the caller gives a scene.
     """
     if scene is None and capture.scene is None:
         raise RecordingError(f"{capture.path}: the recording names no scene; give the sweep's with --scene")
@@ -184,10 +146,8 @@ def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, b
 
 def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
     """Generate the flowgraph with a recording in place of the receiver, without transmitters."""
-    name = "ota_replay"
-    data = from_recording(prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, False), name)
-    out = ("transmitters and channel: the samples come from a recording",)
-    return Prepared(generate(data, Path(build_dir)), name, tuple(methods), out)
+    data = from_recording(prune(shipped(), methods, False), "ota_replay")
+    return Prepared(generate(data, Path(build_dir)), tuple(methods))
 
 
 def run_replay(
@@ -199,21 +159,10 @@ def run_replay(
     time_limit_s: float = 600.0,
     reference_m: float = 0.0,
 ) -> PointResult:
-    """Score every method on a recording.
+    """Score every method on a recording, with the flowgraph of `prepare_replay`.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        Flowgraph of `prepare_replay`.
-    scene : Scene
-        Waveform, altimeter and programme.
-    path : path
-        ``.sigmf-meta``.
-    known : bool
-        Whether the scene's programme is the recorded one; else timing is acquired on the first sweeps, and lock is
-        kept for any altitude of the span.
-    reference_m : float
-        Altitude of the first sweeps, in metres.
+    ``known``: the scene's programme is the recorded one. Otherwise timing is acquired on the first sweeps, at
+    ``reference_m``, and lock is kept for any altitude of the span.
     """
     capture = open_capture(path)
     top = make_top(

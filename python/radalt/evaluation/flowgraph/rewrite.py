@@ -54,68 +54,39 @@ def save_grc(data: dict[str, Any], path: Path) -> None:
 
 
 def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
-    """The flowgraph with one simulated channel in place of its UHD blocks.
+    """The flowgraph, under another identifier, with one simulated channel in place of its UHD blocks.
 
     Gates, interlock and set-up of the radios are removed; the source before a gate is connected to the channel. Frames
-    are never dropped, since waiting loses nothing in simulation. Nothing else differs.
-
-    Parameters
-    ----------
-    data : dict
-        Flowgraph with the blocks ``radar_usrp_sink``, ``radar_usrp_source`` and, optionally, ``jammer_usrp_sink``.
-    name : str
-        Identifier of the new flowgraph.
-    realtime : bool
-        Whether the channel limits the throughput to the sample rate, as radios do.
+    are never dropped, since waiting loses nothing in simulation. Nothing else differs. With ``realtime`` the channel
+    limits the throughput to the sample rate, as radios do.
     """
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
-    missing = {RADAR_SINK, RADAR_SOURCE} - blocks.keys()
-    if missing:
-        raise FlowgraphError(
-            f"flowgraph {data['options']['parameters']['id']} has no block {sorted(missing)[0]}"
-        )
+    data, blocks = _renamed(data, name)
     options = data["options"]["parameters"]
-    options["id"] = name
-    for texts, key in [
-        (options, "title"),
-        (options, "description"),
-        *((block["parameters"], "comment") for block in data["blocks"]),
-    ]:
-        texts[key] = _AIR_WORDS.sub(lambda words: _SIMULATED_WORDS[words[0]], texts.get(key, ""))
-    channel = {
-        "name": CHANNEL,
-        "id": "radalt_simulated_channel",
-        "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)},
-        "states": copy.deepcopy(blocks[RADAR_SINK]["states"]),
-    }
-    _lay_out(blocks, channel)
-    data = _without_gates(data)
-    gone = {*_UHD_BLOCKS, *_RADIOS_ALONE}
+    texts = [(options, "title"), (options, "description")]
+    for parameters, key in [*texts, *((block["parameters"], "comment") for block in data["blocks"])]:
+        parameters[key] = _AIR_WORDS.sub(lambda words: _SIMULATED_WORDS[words[0]], parameters.get(key, ""))
+    ports = {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)}
+    channel = _block(CHANNEL, "radalt_simulated_channel", ports, blocks[RADAR_SINK])
+    gates = {name for name, block in blocks.items() if block["id"] == "radalt_transmit_gate"}
+    fed_by = {sink: (source, port) for source, port, sink, _ in data["connections"] if sink in gates}
+    data["connections"] = [
+        [*_at_channel(*fed_by.get(source, (source, port))), *_at_channel(sink, sink_port)]
+        for source, port, sink, sink_port in data["connections"]
+        if sink not in gates
+    ]
+    gone = {*_UHD_BLOCKS, *_RADIOS_ALONE, *gates}
     data["blocks"] = [block for block in data["blocks"] if block["name"] not in gone] + [channel]
     for block in data["blocks"]:
         if block["name"] == _DROP:
             block["parameters"]["value"] = "0"
         elif realtime and "own_process" in block["parameters"]:
             block["parameters"]["own_process"] = "True"  # a radio's flowgraph has it where it drops
-    data["connections"] = [_rewired(connection) for connection in data["connections"]]
     return data
 
 
-def _lay_out(blocks: dict[str, Any], channel: dict[str, Any]) -> None:
-    """Lay out the channel in place of the gates, and the receiver in line with it unless it has controls beside it."""
-    gates = [blocks[name]["states"]["coordinate"] for name in (RADAR_GATE, JAMMER_GATE) if name in blocks]
-    if not gates or "frame_segmenter" not in blocks:
-        return
-    top = 8 * round(sum(y for _, y in gates) / len(gates) / 8)
-    channel["states"]["coordinate"] = [gates[0][0] + 16, top]
-    if "reacquire" in blocks:
-        return
-    receiver = blocks["frame_segmenter"]["states"]["coordinate"]
-    receiver[1] = top + 8  # aligns its input with the channel's output
-    if {"note_receive", "note_transmit"} <= blocks.keys():
-        line = blocks["note_transmit"]["states"]["coordinate"][1]
-        blocks["note_receive"]["states"]["coordinate"] = [receiver[0] - 64, line]
+def _at_channel(block: str, port: str) -> tuple[str, str]:
+    """A UHD block's port as the channel's."""
+    return _UHD_BLOCKS.get(block, (block, port))
 
 
 _SIMULATED_WORDS = {
@@ -127,38 +98,9 @@ _SIMULATED_WORDS = {
 _AIR_WORDS = re.compile("|".join(_SIMULATED_WORDS))
 
 
-def _without_gates(data: dict[str, Any]) -> dict[str, Any]:
-    """The flowgraph without its transmit gates, their inputs connected to their outputs."""
-    gates = {block["name"] for block in data["blocks"] if block["id"] == "radalt_transmit_gate"}
-    fed_by = {sink: (source, port) for source, port, sink, _ in data["connections"] if sink in gates}
-    connections = [
-        [*fed_by.get(source, (source, source_port)), sink, sink_port]
-        for source, source_port, sink, sink_port in data["connections"]
-        if sink not in gates
-    ]
-    blocks = [block for block in data["blocks"] if block["name"] not in gates]
-    return data | {"blocks": blocks, "connections": connections}
-
-
-def _rewired(connection: list[str]) -> list[str]:
-    """[source, port, sink, port] with UHD blocks replaced by the channel."""
-    source, source_port, sink, sink_port = connection
-    if source == RADAR_SOURCE:
-        source, source_port = _UHD_BLOCKS[source]
-    if sink in (RADAR_SINK, JAMMER_SINK):
-        sink, sink_port = _UHD_BLOCKS[sink]
-    return [source, source_port, sink, sink_port]
-
-
 def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The flowgraph with another chain, ``mitigation_<name>`` to ``altimeter_<name>``, a copy of whitening's.
-
-    Parameters
-    ----------
-    data : dict
-        Flowgraph with the chain of the method ``whitening``.
-    name : str
-        Registry name of the method, or `CUSTOM`.
+    """The flowgraph with the chain of another method, ``mitigation_<name>`` to ``altimeter_<name>``, a copy of
+    whitening's.
     """
     data = copy.deepcopy(data)
     lowest = max(b["states"]["coordinate"][1] for b in data["blocks"] if b["name"].startswith("altimeter_"))
@@ -179,26 +121,15 @@ def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, 
 
     It has the further parameters ``capture_file`` and ``follow_programme``.
     """
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
-    data["options"]["parameters"]["id"] = name
+    data, blocks = _renamed(data, name)
     gone = {RADAR_SINK, JAMMER_SINK, RADAR_GATE, JAMMER_GATE, "chirp_source", "jammer_source"}
     receiver = blocks[RADAR_SOURCE]
     receiver["id"] = "radalt_sigmf_source"
     receiver["parameters"] = {"scene": "scene", "file": "capture_file"}
     blocks["frame_segmenter"]["parameters"]["follow_programme"] = "bool(follow_programme)"
-    states = copy.deepcopy(receiver["states"])
     added = [
-        {
-            "name": key,
-            "id": "parameter",
-            "parameters": {"label": label, "type": kind, "value": value},
-            "states": copy.deepcopy(states),
-        }
-        for key, label, kind, value in (
-            ("capture_file", "SigMF recording", "str", '""'),
-            ("follow_programme", "Altitudes by the scene", "intx", "1"),
-        )
+        _parameter("capture_file", "SigMF recording", "str", '""', receiver),
+        _parameter("follow_programme", "Altitudes by the scene", "intx", "1", receiver),
     ]
     data["blocks"] = [block for block in data["blocks"] if block["name"] not in gone] + added
     data["connections"] = [c for c in data["connections"] if c[0] not in gone and c[2] not in gone]
@@ -208,10 +139,7 @@ def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, 
 def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
     """Disable the chains of other methods and an unneeded jammer; add missing chains.
 
-    Raises
-    ------
-    FlowgraphError
-        If a method is neither in the flowgraph nor registered.
+    Raises FlowgraphError if a method is neither in the flowgraph nor registered.
     """
     data = copy.deepcopy(data)
     names = {block["name"] for block in data["blocks"]}
@@ -239,8 +167,7 @@ def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
 
     A tracker after a method also receives the frames before mitigation.
     """
-    data = copy.deepcopy(data)
-    data["options"]["parameters"]["id"] = name
+    data, _ = _renamed(data, name)
     for block in data["blocks"]:
         if block["id"] == "radalt_altimeter_sink":
             block["id"] = "radalt_altitude_tracker"
@@ -253,31 +180,39 @@ def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     """The flowgraph without end: altitudes by hand, any altitude accepted, results and requests over ZMQ."""
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
-    data["options"]["parameters"]["id"] = name
+    data, blocks = _renamed(data, name)
     blocks["frames"]["parameters"]["value"] = "0"
     blocks["frame_segmenter"]["parameters"]["follow_programme"] = "False"
     blocks["chirp_source"]["parameters"]["altitude_m"] = "0.0"
     for gate in (RADAR_GATE, JAMMER_GATE):  # a simulated flowgraph has none
         if gate in blocks:
             blocks[gate]["parameters"]["controlled"] = "bool(control)"
-    value = blocks["scene"]["parameters"]["value"]
-    blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
-    states = blocks["scene"]["states"]
-    imports = {"imports": "from radalt.core.scene.live import by_hand"}
-    added = [("import_by_hand", "import", imports)]
-    for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
-        added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
-    for key, label, kind in (
-        ("network", "Allow other machines", "intx"),
-        ("keep_alive_s", "Keep alive (s)", "eng_float"),
-    ):
-        added.append((key, "parameter", {"label": label, "type": kind, "value": "0"}))
-    ports = {"scene": "scene", "telemetry": "telemetry", "control": "control"}
-    ports |= {"network": "bool(network)", "keep_alive_s": "keep_alive_s"}
-    added.append(("remote_control", "radalt_remote_control", ports))
+    scene = blocks["scene"]
+    scene["parameters"]["value"] = f"by_hand({scene['parameters']['value']})"
+    ports = {"scene": "scene", "network": "bool(network)"}
+    ports |= {key: key for key in ("telemetry", "control", "keep_alive_s")}
     data["blocks"] += [
-        {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added
+        _block("import_by_hand", "import", {"imports": "from radalt.core.scene.live import by_hand"}, scene),
+        _parameter("telemetry", "Telemetry (PUB)", "str", '""', scene),
+        _parameter("control", "Control (REP)", "str", '""', scene),
+        _parameter("network", "Allow other machines", "intx", "0", scene),
+        _parameter("keep_alive_s", "Keep alive (s)", "eng_float", "0", scene),
+        _block("remote_control", "radalt_remote_control", ports, scene),
     ]
     return data
+
+
+def _renamed(data: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """A copy of a flowgraph under another identifier, and its blocks by name."""
+    data = copy.deepcopy(data)
+    data["options"]["parameters"]["id"] = name
+    return data, {block["name"]: block for block in data["blocks"]}
+
+
+def _block(name: str, kind: str, parameters: dict[str, str], beside: dict[str, Any]) -> dict[str, Any]:
+    """A new block in the place of another one."""
+    return {"name": name, "id": kind, "parameters": parameters, "states": copy.deepcopy(beside["states"])}
+
+
+def _parameter(name: str, label: str, kind: str, value: str, beside: dict[str, Any]) -> dict[str, Any]:
+    return _block(name, "parameter", {"label": label, "type": kind, "value": value}, beside)

@@ -6,25 +6,24 @@ import importlib.util
 import os
 import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...blocks._guard import in_turns
+from ...blocks._guard import in_turns, raise_stored
 from ...core.scene import Scene, scene_to_mapping
 from ..simulation import PointResult
-from .generate import Prepared, prepare
-from .plan import left_out
+from .generate import Prepared
 from .rewrite import CHANNEL
 from .watch import blocks_of, run_to_end
 
 __all__ = [
-    "PointResult",
-    "left_out",
+    "attach_recorder",
+    "finish_recorder",
     "load_class",
     "make_top",
-    "prepare",
     "result_of",
     "run_point",
     "write_scene",
@@ -33,17 +32,18 @@ __all__ = [
 
 def load_class(prepared: Prepared) -> type:
     """The generated top-block class; imported once per process."""
-    key = f"radalt_generated_{prepared.name}_{abs(hash(str(prepared.module)))}"
+    name = prepared.module.stem
+    key = f"radalt_generated_{name}_{abs(hash(str(prepared.module)))}"
     if key not in sys.modules:
         spec = importlib.util.spec_from_file_location(key, prepared.module)
         module = importlib.util.module_from_spec(spec)
         sys.modules[key] = module
-        sys.path.insert(0, str(prepared.module.parent))  # embedded Python blocks are in the same folder
+        sys.path.insert(0, str(prepared.module.parent))  # Embedded Python blocks are in the same folder
         try:
             spec.loader.exec_module(module)
         finally:
             sys.path.remove(str(prepared.module.parent))
-    return getattr(sys.modules[key], prepared.name)
+    return getattr(sys.modules[key], name)
 
 
 def write_scene(scene: Scene, path: Path) -> Path:
@@ -57,35 +57,60 @@ def write_scene(scene: Scene, path: Path) -> Path:
 def run_point(
     prepared: Prepared, scene: Scene, *, time_limit_s: float = 300.0, capture: Path | str | None = None
 ) -> PointResult:
-    """Run the flowgraph once for a scene at one point of its sweep.
+    """Run the flowgraph once for a scene at one point of its sweep; ``capture`` names a SigMF recording of it.
 
-    Parameters
-    ----------
-    capture : path, optional
-        SigMF recording of the received samples.
-
-    Raises
-    ------
-    FlowgraphError
-        If it does not end within ``time_limit_s``.
-    Exception
-        The exception of a block's ``work``, unchanged.
+    Raises FlowgraphError if it does not end within ``time_limit_s``. An exception of a block's ``work`` is raised
+    unchanged.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     for block in blocks_of(top).values():
         block.logger.set_level("error")  # losses are in the rows; the console shows the study's progress
-    recorder = None
-    if capture:
-        from .recorder import attach_recorder
-
-        recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture)
+    recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture) if capture else None
     try:
         with in_turns():
             elapsed = run_to_end(top, time_limit_s=time_limit_s)
     finally:
         if recorder is not None:
-            recorder.finish()
+            finish_recorder(top, recorder)
     return result_of(top, prepared, scene, elapsed)
+
+
+def attach_recorder(
+    top: Any,
+    source: Any,
+    scene: Scene,
+    path: Path | str,
+    *,
+    start_s: float = 0.0,
+    radio: Mapping[str, float] | None = None,
+) -> Any:
+    """Connect an `iq_recorder` to a block's output in a flowgraph that is not yet started; `finish_recorder` ends it.
+
+    Parameters
+    ----------
+    path : path
+        Path of the recording without ending.
+    start_s : float
+        Device time of the transmitter's first sample.
+    radio : mapping, optional
+        With radios: see `write_metadata`; samples are dropped when the disk cannot keep up.
+    """
+    from ...blocks.iq_recorder import iq_recorder
+
+    block = iq_recorder(scene, str(path), drop_when_slow=radio is not None)
+    block.finish_at_stop = False
+    block.set_start_time(start_s)
+    block.radio = dict(radio or {})
+    top.connect((source, 0), (block, 0))
+    return block
+
+
+def finish_recorder(top: Any, block: Any) -> None:
+    """Write the metadata of a recording, with the latency that the segmenter found."""
+    raise_stored([block])
+    latency = top.frame_segmenter.latency_samples
+    block.latency_samples = latency if np.isfinite(latency) else 0.0
+    block.finish()
 
 
 def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:
@@ -107,6 +132,5 @@ def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> P
         status={m: block.status() if block else {"method": m} for m, block in mitigations.items()},
         segmenter=top.frame_segmenter.status(),
         real_time_factor=top.frames * scene.waveform.sweep_s / elapsed_s,
-        left_out=list(prepared.left_out),
         outputs={m: block.outputs() for m, block in altimeters.items() if hasattr(block, "outputs")},
     )

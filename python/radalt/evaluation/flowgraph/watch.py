@@ -36,26 +36,12 @@ def run_to_end(
     poll_s: float = 0.05,
     too_long: Callable[[float], str] = _too_long,
 ) -> float:
-    """Run a flowgraph until its stream ends or ``over`` says so; returns its wall seconds.
+    """Run a flowgraph that is not yet started until its stream ends or ``over`` says so; returns its wall seconds.
 
-    Parameters
-    ----------
-    top : object
-        Flowgraph that is not yet started; it has ended when the function returns or raises.
-    time_limit_s : float, optional
-        Longest time; none by default.
-    over : callable, optional
-        Called every ``poll_s`` seconds during the run, and once after its end; true ends the run. For endless streams,
-        and for observation.
-    too_long : callable
-        Message for a run beyond its limit, which is the argument.
-
-    Raises
-    ------
-    FlowgraphError
-        If it does not end within its limit, or does not stop.
-    Exception
-        The exception of a block's ``work``, unchanged.
+    It has ended when the function returns or raises: FlowgraphError if it does not end within its limit, or does not
+    stop; an exception of a block's ``work``, unchanged. ``over`` is called every ``poll_s`` seconds during the run, and
+    once after its end; true ends the run. It is for endless streams, and for observation. ``too_long`` gives the
+    message for a run beyond its limit, which is the argument.
     """
     begin = time.perf_counter()
     top.start()

@@ -12,6 +12,7 @@ from ...core.scene import Scene
 from ..results.rows import Columns
 from ..results.score import SCORE_COLUMNS, pool, score_frames, trials_of
 from .points import OverlapPoint
+from .rows import POINT, place_of
 
 __all__ = [
     "ALTITUDE_COLUMNS",
@@ -23,27 +24,14 @@ __all__ = [
     "with_intervals",
 ]
 
-ERRORS_M = (
-    0.1,
-    0.2,
-    0.5,
-    1.0,
-    2.0,
-    5.0,
-    10.0,
-    20.0,
-    50.0,
-    100.0,
-    200.0,
-    500.0,
-)  # upper limits of the error's distribution
+# upper limits of the error's distribution, m
+ERRORS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 _WITHIN = tuple(f"within_{error:g}_m" for error in ERRORS_M)
 _MOST_ALTITUDES, _BANDS = 30, 10  # above this number of altitudes (a landing) they are pooled into bands
 _Z = 1.959964  # two-sided 95 % quantile of the normal distribution
-_POINT = ("method", "interference", "overlap", "sir_db", "snr_db")
 
 ALTITUDE_COLUMNS = Columns(
-    names=(*_POINT, "altitude_low_m", "altitude_high_m", *SCORE_COLUMNS, *_WITHIN, "fourth_forced_m4"),
+    names=(*POINT, "altitude_low_m", "altitude_high_m", *SCORE_COLUMNS, *_WITHIN, "fourth_forced_m4"),
     text=frozenset({"method", "interference"}),
     whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far", *_WITHIN}),
 )
@@ -65,13 +53,7 @@ def altitude_rows(scene: Scene, point: OverlapPoint, results: dict[str, np.ndarr
             off = np.abs(trials["forced_altitude_m"][mine] - truth_m[mine])
             off = off[np.isfinite(off)]
             values = {
-                **dict(
-                    zip(
-                        _POINT,
-                        (method, scene.interference_name, point.overlap, point.sir_db, point.snr_db),
-                        strict=True,
-                    )
-                ),
+                **place_of(method, scene.interference_name, point),
                 "altitude_low_m": band[0],
                 "altitude_high_m": band[-1],
                 **score_frames(trials[mine], truth_m[mine]).row(),
@@ -124,10 +106,10 @@ def with_intervals(
     rows: Sequence[dict[str, Any]], altitudes: Iterable[dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Rows of the study with ``rmse_low_m`` and ``rmse_high_m``, if there are rows by altitude."""
-    known = groups(altitudes, *_POINT)
+    known = groups(altitudes, *POINT)
     out = []
     for row in rows:
-        whole = known.get(tuple(row[name] for name in _POINT))
+        whole = known.get(tuple(row[name] for name in POINT))
         if whole is not None:
             numbers = zip(("rmse_low_m", "rmse_high_m"), rmse_interval(whole), strict=True)
             row = row | {name: value if math.isfinite(value) else None for name, value in numbers}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,26 +21,12 @@ _MAX_VALUES = 1001  # most values of one axis; more are a mistake in start:stop:
 
 @dataclass(frozen=True)
 class OverlapPoint(Point):
-    """One point of the sweep.
+    """One point of the sweep."""
 
-    Attributes
-    ----------
-    overlap : float
-        Active fraction of the frame, 0..1.
-    sir_db : float or None
-        SIR of all interferers together over the frame; None in a scene without interference.
-    snr_db : float or None
-        SNR of the return; None for no noise.
-    """
-
-    overlap: float = 0.0
+    overlap: float = 0.0  # active fraction of the frame, 0..1
+    # SIR of all interferers together over the frame; None in a scene without interference
     sir_db: float | None = None
-    snr_db: float | None = None
-
-    @property
-    def sampled(self) -> bool:
-        """See `Point`: outputs of one tracked flight are not independent trials."""
-        return self.table != "tracked"
+    snr_db: float | None = None  # SNR of the return; None for no noise
 
     @classmethod
     def at(
@@ -57,10 +43,7 @@ class OverlapPoint(Point):
 def parse_axis(text: str, what: str) -> tuple[float, ...]:
     """Values of one axis: parts separated by commas, each a number or an inclusive ``start:stop:step``.
 
-    Raises
-    ------
-    ValueError
-        One line that names the option (``what``), the part and what is expected.
+    Raises ValueError, one line that names the option (``what``), the part and what is expected.
 
     Examples
     --------
@@ -81,11 +64,7 @@ def parse_axis(text: str, what: str) -> tuple[float, ...]:
             )
         for number in numbers:
             quantity(number, f"{what} {shown(part.strip())}: {what.lstrip('-').replace('-', '_')}")
-        values += (
-            numbers
-            if len(numbers) == 1
-            else _span(numbers[0], numbers[1], numbers[2], f"{what} {part.strip()}")
-        )
+        values += numbers if len(numbers) == 1 else _span(*numbers, f"{what} {part.strip()}")
     return tuple(dict.fromkeys(values))
 
 
@@ -99,13 +78,13 @@ def changed(
     frames: int | None = None,
     seed: int | None = None,
     methods: Sequence[str] | None = None,
+    own: Mapping[str, dict[str, Any]] | None = None,
 ) -> Scene:
     """The scene with other axes, altitudes, frames per altitude, seed or methods; None keeps the scene's.
 
-    Raises
-    ------
-    SceneError
-        For a wrong value; one line.
+    ``own`` has further method options by the method's name; methods that the scene lacks are added.
+
+    Raises SceneError for a wrong value; one line.
     """
     axes = {"overlap": overlap, "sir_db": sir_db, "snr_db": snr_db}
     flown = {"programme_m": altitudes_m, "frames": frames}
@@ -118,7 +97,14 @@ def changed(
     try:
         sweep = dataclasses.replace(scene.sweep, **given(axes))
         altitude = dataclasses.replace(scene.altitude, **given(flown))
-        return dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given(whole))
+        scene = dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given(whole))
+        options = {
+            name: {**(scene.method_options.get(name) or {}), **more} for name, more in (own or {}).items()
+        }
+        added = tuple(name for name in options if name not in scene.methods)
+        return dataclasses.replace(
+            scene, methods=scene.methods + added, method_options={**scene.method_options, **options}
+        )
     except ValueError as error:
         raise SceneError(str(error)) from None
 
@@ -127,22 +113,16 @@ def _span(start: float, stop: float, step: float, what: str) -> list[float]:
     if step == 0 or (stop - start) / step < 0:
         raise ValueError(f"{what}: a step of {step:g} never gets from {start:g} to {stop:g}")
     # tolerance of half a millionth of a step, so that 0:1:0.1 ends at 1 in spite of rounding
-    steps = (stop - start) / step
-    if steps > _MAX_VALUES:
-        raise ValueError(f"{what}: {steps:.4g} values; at most {_MAX_VALUES}: take a larger step")
-    count = int(np.floor(steps + 5e-7)) + 1
+    count = np.floor((stop - start) / step + 5e-7) + 1
     if count > _MAX_VALUES:
-        raise ValueError(f"{what}: {count} values; at most {_MAX_VALUES}: take a larger step")
-    return [round(start + k * step, 9) for k in range(count)]
+        raise ValueError(f"{what}: {count:.4g} values; at most {_MAX_VALUES}: take a larger step")
+    return [round(start + k * step, 9) for k in range(int(count))]
 
 
 def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:
     """Every overlap at every SIR at every SNR, in canonical order; an empty axis has the scene's value.
 
-    Raises
-    ------
-    ValueError
-        If overlaps or SIRs are swept in a scene without interference.
+    Raises ValueError if overlaps or SIRs are swept in a scene without interference.
     """
     sweep, frames = scene.sweep, scene.altitude.programme.trial_frames
     snrs = sweep.snr_db or (scene.channel.snr_db,)
@@ -169,25 +149,24 @@ def _own_sir_db(scene: Scene) -> float:
     return round(-10.0 * float(np.log10(power)), 9)
 
 
-def point_seed(seed: int, point: OverlapPoint, batch: int = 0) -> int:
-    """Seed of one batch of a point, 31 bits, from the run's seed, the point's values and the batch's number.
+def point_seed(seed: int, point: OverlapPoint) -> int:
+    """Seed of a point, 31 bits, from the run's seed and the point's values.
 
     Without interference the seed does not depend on the SIR: points at overlap 0 of all panels, and those of a scene
     without interference, are equal.
     """
     sir = None if point.overlap == 0 else point.sir_db
     text = "/".join("none" if v is None else f"{v:.9g}" for v in (point.overlap, sir, point.snr_db))
-    text += f" batch {batch}" if batch else ""
     digest = hashlib.sha256(f"radalt {seed} {text}".encode()).digest()
     return int.from_bytes(digest[:4], "big") >> 1
 
 
-def scene_at(scene: Scene, point: OverlapPoint, batch: int = 0) -> Scene:
-    """The scene of one point, with the batch's seed and without a sweep."""
+def scene_at(scene: Scene, point: OverlapPoint) -> Scene:
+    """The scene of one point, with the point's seed and without a sweep."""
     placed = scene.at(
         overlap=point.overlap if scene.sweep.overlap else None,
         sir_db=point.sir_db if scene.interference else None,
         snr_db=point.snr_db,
-        seed=point_seed(scene.seed, point, batch),
+        seed=point_seed(scene.seed, point),
     )
     return dataclasses.replace(placed, sweep=type(scene.sweep)())

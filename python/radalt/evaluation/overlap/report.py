@@ -14,17 +14,18 @@ from ...core.receiver.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
 from ..engine.study import Run
 from ..flowgraph import FlowgraphError
-from ..results.break_point import break_point, protection_gain
+from ..results.break_point import break_point_of, protection_gain
 from ..results.folder import RunFolder
 from ..results.page import write_page
 from .altitudes import with_intervals
 from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
-from .markdown import every_row, report_markdown, spread
+from .markdown import every_row, report_markdown
+from .panels import Row, with_interference
 
 if TYPE_CHECKING:
     from .study import OverlapStudy
 
-__all__ = ["break_points", "build_report", "crb_by_snr", "interference_title", "write_report"]
+__all__ = ["break_points", "build_report", "write_report"]
 
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 
@@ -32,29 +33,18 @@ _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 def write_report(
     folder: RunFolder,
     study: OverlapStudy,
-    rows: Sequence[dict[str, Any]],
-    ceiling: Sequence[dict[str, Any]],
+    rows: Sequence[Row],
+    ceiling: Sequence[Row],
     run: Run,
-    altitudes: Sequence[dict[str, Any]] = (),
+    altitudes: Sequence[Row] = (),
     *,
-    tracked: Sequence[dict[str, Any]] = (),
+    tracked: Sequence[Row] = (),
 ) -> Path:
-    """Write the result folder from its rows; returns the path of ``report.md``.
+    """Write the result folder from its rows, in canonical order; returns the path of ``report.md``.
 
-    Parameters
-    ----------
-    folder : RunFolder
-    study : OverlapStudy
-    rows : sequence of dict
-        All rows, in canonical order.
-    ceiling : sequence of dict
-        Rows without interference, one per method and SNR (more are ignored).
-    run : Run
-        Facts of the run.
-    altitudes : sequence of dict
-        Rows by altitude (`ALTITUDE_COLUMNS`); without them there are no results by altitude and no intervals of RMSE.
-    tracked : sequence of dict
-        Rows of the tracker's outputs; none without tracking.
+    ``ceiling`` has the rows without interference, one per method and SNR (more are ignored); ``altitudes`` those by
+    altitude (`ALTITUDE_COLUMNS`), without which there are no intervals of RMSE; ``tracked`` those of the tracker's
+    outputs.
     """
     if not any(row["trials"] for row in rows):
         raise FlowgraphError(
@@ -85,24 +75,19 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
     bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
     figures = []
     for against, name in _axes(rows, bool(report["break_points"])):
+        pd, error, wrong = (f"{what}_vs_{name}.png" for what in ("pd", "rmse", "wrong"))
+        draw_pd(rows, path / pd, title=title, ceiling=ceiling, against=against)
+        draw_error(rows, path / error, title=title, bounds_m=bounds, against=against)
+        draw_wrong(rows, path / wrong, title=title, against=against)
         figures += [
-            (f"pd_vs_{name}.png", f"Probability of correct altitude against {_NAMES[against]}"),
-            (
-                f"rmse_vs_{name}.png",
-                f"Root mean square error of the forced decision against {_NAMES[against]}",
-            ),
-            (
-                f"wrong_vs_{name}.png",
-                f"Rate of wrong altitudes that were called valid against {_NAMES[against]}",
-            ),
+            (pd, f"Probability of correct altitude against {_NAMES[against]}"),
+            (error, f"Root mean square error of the forced decision against {_NAMES[against]}"),
+            (wrong, f"Rate of wrong altitudes that were called valid against {_NAMES[against]}"),
         ]
-        draw_pd(rows, path / figures[-3][0], title=title, ceiling=ceiling, against=against)
-        draw_error(rows, path / figures[-2][0], title=title, bounds_m=bounds, against=against)
-        draw_wrong(rows, path / figures[-1][0], title=title, against=against)
     return figures
 
 
-def _axes(rows: Sequence[dict[str, Any]], broken: bool) -> list[tuple[str, str]]:
+def _axes(rows: Sequence[Row], broken: bool) -> list[tuple[str, str]]:
     """(column, word in file names) of the horizontal axes."""
     overlaps, sirs = {r["overlap"] for r in rows}, {r["sir_db"] for r in rows if r["overlap"] > 0}
     by_overlap, by_sir = ("overlap", "overlap"), ("sir_db", "sir")
@@ -113,9 +98,9 @@ def _axes(rows: Sequence[dict[str, Any]], broken: bool) -> list[tuple[str, str]]
     return [by_overlap, by_sir] if broken else [by_overlap]
 
 
-def _draw_altitudes(title: str, altitudes: Sequence[dict[str, Any]], path: Path) -> list[tuple[str, str]]:
+def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tuple[str, str]]:
     """Pd by altitude and the distribution of errors, over all overlaps above 0; returns (file, caption)."""
-    rows = [r for r in altitudes if r["overlap"] > 0] or list(altitudes)
+    rows = with_interference(altitudes)
     if not rows:
         return []
     draw_pd_by_altitude(rows, path / "pd_vs_altitude.png", title=title)
@@ -127,55 +112,42 @@ def _draw_altitudes(title: str, altitudes: Sequence[dict[str, Any]], path: Path)
 
 
 def build_report(
-    head: dict[str, Any],
-    study: OverlapStudy,
-    rows: Sequence[dict[str, Any]],
-    ceiling: Sequence[dict[str, Any]],
-    run: Run,
+    head: dict[str, Any], study: OverlapStudy, rows: Sequence[Row], ceiling: Sequence[Row], run: Run
 ) -> dict[str, Any]:
     """Content of ``report.json``."""
     scene = study.scene
+    once: dict[tuple[str, float | None], Row] = {}
+    for row in ceiling:  # overlap 0 is one measurement for all panels
+        once.setdefault((row["method"], row["snr_db"]), row)
     factors = {(r["overlap"], r["sir_db"], r["snr_db"]): r["real_time_factor"] for r in rows}
     return head | {
         "kind": "run",
         "name": scene.name,
         "seed": scene.seed,
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "title": interference_title(scene),
+        "title": _interference_title(scene),
         "interference_notes": [
             note for i in scene.interference for note in i.emitter.notes(scene.waveform.rate_hz)
         ],
-        "trials_per_point": scene.altitude.programme.trial_frames if run.precision is None else spread(rows),
+        "trials_per_point": scene.altitude.programme.trial_frames,
         "left_out": study.left_out(),
         "rows": list(rows),
-        "ceiling": _one_each(ceiling),
-        "bounds": crb_by_snr(scene, rows),
+        "ceiling": list(once.values()),
+        "bounds": _crb_by_snr(scene, rows),
         "break_points": break_points(rows),
         "real_time_factor": float(np.median(list(factors.values()))),
-        "run": run.as_dict() | {"precision": run.precision},
+        "run": run.as_dict(),
     }
 
 
-def _one_each(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The first row of each method and SNR: overlap 0 is one measurement for all panels."""
-    first: dict[tuple, dict[str, Any]] = {}
-    for row in rows:
-        first.setdefault((row["method"], row["snr_db"]), row)
-    return list(first.values())
-
-
-def crb_by_snr(scene: Scene, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _crb_by_snr(scene: Scene, rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Cramer-Rao bound of the altitude without interference, by SNR; none without noise."""
-    return [
-        {
-            "snr_db": snr,
-            "altitude_crb_m": None if snr is None else float(f"{altitude_crb_m(scene.waveform, snr):.6g}"),
-        }
-        for snr in dict.fromkeys(r["snr_db"] for r in rows)
-    ]
+    snrs = dict.fromkeys(r["snr_db"] for r in rows)
+    known = {snr: float(f"{altitude_crb_m(scene.waveform, snr):.6g}") for snr in snrs if snr is not None}
+    return [{"snr_db": snr, "altitude_crb_m": known.get(snr)} for snr in snrs]
 
 
-def break_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def break_points(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Break-point and protection gain by interference, overlap, SNR and method (`results.break_point`).
 
     Empty with fewer than three SIRs, which do not locate a break-point.
@@ -187,10 +159,7 @@ def break_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         if row["overlap"] > 0:
             key = (row["interference"], row["overlap"], row["snr_db"], row["method"])
             groups.setdefault(key, []).append(row)
-    found = {
-        key: break_point(*([float("nan") if r[c] is None else r[c] for r in mine] for c in _CURVE))
-        for key, mine in groups.items()
-    }
+    found = {key: break_point_of(mine) for key, mine in groups.items()}
     out = []
     for key, broken in found.items():
         none = found.get((*key[:3], "none"))
@@ -207,10 +176,7 @@ def break_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-_CURVE = ("sir_db", "pd", "pd_low", "pd_high")
-
-
-def interference_title(scene: Scene) -> str:
+def _interference_title(scene: Scene) -> str:
     """Title of the interference, for figures and headings."""
     text = " + ".join(i.emitter.title(scene.waveform.bandwidth_hz) for i in scene.interference)
     text = text or "no interference"

@@ -12,29 +12,37 @@ from ..results.rows import Columns
 from ..results.score import Score
 from .points import OverlapPoint
 
-__all__ = ["COLUMNS", "COUNTERS", "TRACKED_COLUMNS", "make_row", "tracked_row"]
+__all__ = ["COLUMNS", "COUNTERS", "POINT", "TRACKED_COLUMNS", "make_row", "place_of", "tracked_row"]
 
-COUNTERS = (
-    "diverged_frames",
-    "discontinuities",
-    "lock_losses",
-)  # counters of the signal path, beside `Score`
+POINT = ("method", "interference", "overlap", "sir_db", "snr_db")  # columns that name a method and a point
+
+COUNTERS = ("diverged_frames", "discontinuities", "lock_losses")  # of the signal path, beside `Score`
 
 COLUMNS = Columns(
     names=(
-        *("method", "interference", "overlap", "sir_db", "snr_db", "trials", "detections", "correct"),
-        *("pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m", "bias_m", "forced", "frames_lost"),
-        *("diverged_frames", "discontinuities", "lock_losses", "seed"),
+        *POINT,
+        *("trials", "detections", "correct", "pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m"),
+        *("bias_m", "forced", "frames_lost", *COUNTERS, "seed"),
         *("ms_per_frame_median", "ms_per_frame_p99", "real_time_factor", "wrong_far", "wrong_bound"),
         "peak_to_sidelobe_db",
     ),
     text=frozenset({"source", "method", "interference"}),
-    whole=frozenset(
-        {"trials", "detections", "correct", "forced", "frames_lost", "diverged_frames", "discontinuities"}
-        | {"lock_losses", "seed", "runs", "wrong_far"}
-    ),
+    whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
+    | {*COUNTERS, "seed", "runs"},
     timing=frozenset({"ms_per_frame_median", "ms_per_frame_p99", "real_time_factor"}),
 )
+
+
+TRACKED_COLUMNS = Columns(
+    names=(*POINT, *Integrity().row(), "seed"),
+    text=frozenset({"method", "interference"}),
+    whole=frozenset({*COUNTS, "seed"}),
+)
+
+
+def place_of(method: str, interference: str, point: OverlapPoint) -> dict[str, Any]:
+    """Columns that name a method and a point; None for no interference and for no noise."""
+    return dict(zip(POINT, (method, interference, point.overlap, point.sir_db, point.snr_db), strict=True))
 
 
 def make_row(
@@ -49,18 +57,11 @@ def make_row(
     ms_per_frame: np.ndarray,
     real_time_factor: float,
 ) -> dict[str, Any]:
-    """One row; missing numbers (no detection, no noise) are None.
-
-    ``segmenter`` holds the counters of the signal path, common to all methods of a point.
-    """
+    """One row; ``segmenter`` holds the counters of the signal path, common to all methods of a point."""
     times = np.asarray(ms_per_frame, dtype=float)
     return COLUMNS.row(
         {
-            "method": method,
-            "interference": interference,
-            "overlap": point.overlap,
-            "sir_db": point.sir_db,
-            "snr_db": point.snr_db,
+            **place_of(method, interference, point),
             **result.row(),
             "diverged_frames": diverged_frames,
             "discontinuities": segmenter.get("discontinuities", 0),
@@ -73,27 +74,11 @@ def make_row(
     )
 
 
-TRACKED_COLUMNS = Columns(
-    names=("method", "interference", "overlap", "sir_db", "snr_db", *Integrity().row(), "seed"),
-    text=frozenset({"method", "interference"}),
-    whole=frozenset({*COUNTS, "seed"}),
-)
-
-
 def tracked_row(
     method: str, interference: str, point: OverlapPoint, seed: int, outputs: np.ndarray, programme: Programme
 ) -> dict[str, Any]:
     """Row of a tracker's outputs without those that end in a frame of synchronisation."""
     outputs = outputs[programme.is_trial(outputs["frame_index"])]
     truth_m = programme.altitude_m(outputs["frame_index"])
-    return TRACKED_COLUMNS.row(
-        {
-            "method": method,
-            "interference": interference,
-            "overlap": point.overlap,
-            "sir_db": point.sir_db,
-            "snr_db": point.snr_db,
-            **integrity(outputs, truth_m, alert_limit_m(truth_m)).row(),
-            "seed": seed,
-        }
-    )
+    counts = integrity(outputs, truth_m, alert_limit_m(truth_m)).row()
+    return TRACKED_COLUMNS.row({**place_of(method, interference, point), **counts, "seed": seed})

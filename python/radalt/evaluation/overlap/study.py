@@ -19,9 +19,9 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import score
 from ..simulation import run_chain
-from .altitudes import ALTITUDE_COLUMNS, altitude_rows, pool_altitudes
+from .altitudes import ALTITUDE_COLUMNS, altitude_rows
 from .points import OverlapPoint, scene_at, sweep_points
-from .rows import COLUMNS, COUNTERS, TRACKED_COLUMNS, make_row, tracked_row
+from .rows import COLUMNS, TRACKED_COLUMNS, make_row, tracked_row
 
 __all__ = [
     "DWELL_FRAMES",
@@ -30,6 +30,7 @@ __all__ = [
     "check_methods",
     "check_scene",
     "describe_rows",
+    "method_files",
     "rows_of",
 ]
 
@@ -42,10 +43,7 @@ _START_S, _FLOWGRAPH = 0.6, 1.6
 def check_scene(scene: Scene) -> None:
     """Construct the flowgraph's objects once, so that errors are raised before the run.
 
-    Raises
-    ------
-    SceneError, MitigationError
-        One line.
+    Raises SceneError, MitigationError, one line.
     """
     from ...core.channel.simulated import SimulatedChannel
     from ...core.receiver.altimeter import shared_altimeter
@@ -68,10 +66,7 @@ def check_scene(scene: Scene) -> None:
 def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
     """Construct every method of a scene once, before the run; returns the description of each for reports.
 
-    Raises
-    ------
-    SceneError, MitigationError
-        If there is no method, one is unknown, named twice or cannot be built; one line.
+    Raises SceneError, MitigationError if there is no method, one is unknown, named twice or cannot be built; one line.
     """
     if not scene.methods:
         raise SceneError(f"methods is empty; name at least one of: {', '.join(METHODS)}")
@@ -83,9 +78,19 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
         raise MitigationError(f"method_options names {stray[0]!r}; known methods: {', '.join(METHODS)}")
     out = {}
     for name in scene.methods:
-        options = scene.method_options.get(name) or {}
-        status = create(name, scene.waveform, **options).status()
+        status = create(name, scene.waveform, **(scene.method_options.get(name) or {})).status()
         out[name] = {key: status[key] for key in _KEPT if key in status}
+    return out
+
+
+def method_files(scene: Scene) -> dict[str, Path]:
+    """Models and method files of a scene's methods, by method and option."""
+    out = {}
+    for method in scene.methods:
+        options = scene.method_options.get(method) or {}
+        out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
+        if method == "tcae" and not options.get("model"):
+            out["tcae model"] = default_model_path(scene.waveform)
     return out
 
 
@@ -123,33 +128,23 @@ def _flowgraph_of(scene: Scene, point: OverlapPoint) -> str:
     return f"{'jammer' if scene.has_jammer else 'clear'}{' tracked' * (point.table == 'tracked')}"
 
 
-def capture_name(point: Point, batch: int = 0) -> str:
+def capture_name(point: Point) -> str:
     """File name of a point's recording, without its ending."""
-    name = point.name.replace(", ", "_").replace(" ", "_")
-    return f"{name}_batch_{batch}" if batch else name
+    return point.name.replace(", ", "_").replace(" ", "_")
 
 
 @dataclass(frozen=True)
 class OverlapStudy(Study):
-    """A scene with its sweep, methods and seed.
-
-    Attributes
-    ----------
-    scene : Scene
-    hardware : dict or None
-        Options of `radios.hardware.run_hardware`; None for the simulated channel.
-    capture : bool
-        Record the received samples of every point, as SigMF below ``captures`` of the result folder.
-    tracked : bool
-        Run every point a second time with a tracker and at least `DWELL_FRAMES` frames at each altitude.
-    flowgraph : bool
-        False calls the flowgraph's objects in turn (`simulation.run_chain`): equal rows without GNU Radio.
-    """
+    """A scene with its sweep, methods and seed."""
 
     scene: Scene
+    # options of `radios.hardware.run_hardware`; None for the simulated channel
     hardware: dict[str, Any] | None = None
+    # record the received samples of every point, as SigMF below ``captures`` of the result folder
     capture: bool = False
+    # run every point a second time with a tracker and at least `DWELL_FRAMES` frames at each altitude
     tracked: bool = False
+    # false calls the flowgraph's objects in turn (`simulation.run_chain`): equal rows without GNU Radio
     flowgraph: bool = True
     folder: Path | None = None
     prepared: tuple[tuple[str, Any], ...] = ()
@@ -160,7 +155,6 @@ class OverlapStudy(Study):
         "tracked": TRACKED_COLUMNS,
         "altitudes": ALTITUDE_COLUMNS,
     }
-    sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {"pd_vs_overlap.png": "figures/pd_vs_overlap.png"}
 
     @property
@@ -206,17 +200,14 @@ class OverlapStudy(Study):
     def points(self) -> Sequence[OverlapPoint]:
         """The sweep, and points without interference (the ceiling) unless the sweep has overlap 0."""
         points = sweep_points(self.scene)
-        tracked = []
+        apart, tracked = [], []
+        if not any(p.overlap == 0 for p in points):
+            frames = self.scene.altitude.programme.trial_frames
+            snrs = dict.fromkeys(p.snr_db for p in points)
+            apart = [OverlapPoint.at(0.0, None, snr, frames, "ceiling") for snr in snrs]
         if self.tracked:
-            slow = self._slow.altitude.programme.trial_frames
-            tracked = [OverlapPoint.at(p.overlap, p.sir_db, p.snr_db, slow, "tracked") for p in points]
-        if any(p.overlap == 0 for p in points):
-            return (*points, *tracked)
-        frames = self.scene.altitude.programme.trial_frames
-        apart = [
-            OverlapPoint.at(0.0, None, snr, frames, "ceiling")
-            for snr in dict.fromkeys(p.snr_db for p in points)
-        ]
+            frames = self._slow.altitude.programme.trial_frames
+            tracked = [OverlapPoint.at(p.overlap, p.sir_db, p.snr_db, frames, "tracked") for p in points]
         return (*points, *apart, *tracked)
 
     @property
@@ -230,7 +221,7 @@ class OverlapStudy(Study):
         """Generate the flowgraphs: with and without the jammer chain, as the points need."""
         if self.hardware is not None or not self.flowgraph:
             return dataclasses.replace(self, folder=folder)
-        from ..flowgraph.run import prepare
+        from ..flowgraph.generate import prepare
 
         scenes: dict[str, tuple[Scene, bool]] = {}
         for point in self.points():
@@ -242,13 +233,11 @@ class OverlapStudy(Study):
         )
         return dataclasses.replace(self, folder=folder, prepared=prepared)
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """Run the flowgraph once and score every method."""
         track = point.table == "tracked"
-        scene = scene_at(self._slow if track else self.scene, point, batch)
-        capture = None
-        if self.capture:
-            capture = self.folder / "captures" / capture_name(point, batch)
+        scene = scene_at(self._slow if track else self.scene, point)
+        capture = self.folder / "captures" / capture_name(point) if self.capture else None
         if not self.flowgraph:
             result = run_chain(scene, scene.methods)
         elif self.hardware is None:
@@ -272,30 +261,18 @@ class OverlapStudy(Study):
         """See `Study`."""
         return "altitudes" if "altitude_low_m" in row else point.table
 
-    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `Study`; counters of the signal path are added as well."""
-        if len(batches) == 1:
-            return list(batches[0])
-        rows = super().pooled(batches)
-        for row, same in zip(rows, zip(*batches, strict=True), strict=True):
-            detail = "altitude_low_m" in row
-            row |= pool_altitudes(same) if detail else {c: sum(r[c] for r in same) for c in COUNTERS}
-        return rows
-
     def left_out(self) -> list[str]:
         """Parts that the flowgraphs leave out, with reasons."""
         from ..flowgraph.plan import left_out
 
-        points = [p for p in self.points() if p.table != "tracked"]
-        with_jammer = {scene_at(self.scene, p).has_jammer: scene_at(self.scene, p) for p in points}
-        lists = {
-            jammer: left_out(scene, scene.methods, simulated=self.hardware is None)
-            for jammer, scene in with_jammer.items()
-        }
-        out = list(lists.get(True, lists.get(False, ())))
-        if len(lists) == 2:
-            out += [f"at overlap 0: {item}" for item in lists[False] if item not in out]
-        return out
+        scenes = [scene_at(self.scene, p) for p in self.points() if p.table != "tracked"]
+        by_jammer = {scene.has_jammer: scene for scene in scenes}
+        lists = [
+            left_out(by_jammer[jammer], self.scene.methods, simulated=self.hardware is None)
+            for jammer in sorted(by_jammer, reverse=True)
+        ]
+        first, *others = lists
+        return first + [f"at overlap 0: {item}" for other in others for item in other if item not in first]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `report.write_report`."""
@@ -320,12 +297,7 @@ class OverlapStudy(Study):
     def files(self) -> dict[str, Path]:
         """Flowgraphs, models and method files."""
         out = {f"flowgraph {name}": prepared.module for name, prepared in self.prepared}
-        for method in self.scene.methods:
-            options = self.scene.method_options.get(method) or {}
-            out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
-            if method == "tcae" and not options.get("model"):
-                out["tcae model"] = default_model_path(self.scene.waveform)
-        return out
+        return out | method_files(self.scene)
 
     def with_files(self, files: Mapping[str, Path]) -> OverlapStudy:
         """See `Study`."""

@@ -16,14 +16,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.channel.simulated import ChannelSettings
+from ...core.channel.settings import ChannelSettings
 from ...core.parsing import load_yaml
 from ...core.radio.interlock import require_enclosure
 from ...core.radio.levels import drive
 from ...core.radio.recording import Stretch, open_capture, write_metadata
 from ...core.scene import Scene
 from ...core.text import said
-from ..engine.options import expected_errors
+from ..engine.options import EXPECTED
 from ..flowgraph.rewrite import RADAR_GATE
 from ..results.folder import writing
 from ..simulation import TAIL_FRAMES, PointResult, found_latency, received, run_chain
@@ -226,8 +226,7 @@ def simulated_samples(scene: Scene, *, radar_sends: bool) -> np.ndarray:
 def perform(bench: Bench, steps: Mapping[str, Measure]) -> Iterator[Check]:
     """The checks of every step in order, to the end whatever fails.
 
-    What the set-up or UHD refuses is a failed check: RuntimeError is UHD's, of a device that is not there; ValueError a
-    scene's, of a value that a step cannot use.
+    What the set-up or UHD refuses is a failed check: a device that is not there, a value that a step cannot use.
     """
     for name, measure in steps.items():
         step = STEPS[name]
@@ -242,5 +241,5 @@ def perform(bench: Bench, steps: Mapping[str, Measure]) -> Iterator[Check]:
                 given = {"what": key, **step["checks"][key]} | ({} if low is None else {"low": low})
                 given |= {"what": given["what"].format(detail=detail)} | ({"cause": cause} if cause else {})
                 yield Check(name, value=value, **given)
-        except (*expected_errors(), RuntimeError, ValueError) as error:
+        except EXPECTED as error:
             yield Check(name, "run", math.nan, cause=" ".join(said(error).split())[:300])

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.channel.simulated import ChannelSettings
+from ...core.channel.settings import ChannelSettings
 from ...core.radio.path_measures import (
     burst_share,
     clipped_percent,
@@ -52,10 +52,7 @@ def _devices(bench: Bench) -> Iterator[Measured]:
         speed = hardware.link_bytes_per_s(serial or (found or [""])[0])
         if speed is None:
             yield Measured(
-                "link",
-                None,
-                role,
-                "uhd_usrp_probe (package uhd-host) does not say; see lost samples",
+                "link", None, role, "uhd_usrp_probe (package uhd-host) does not say; see lost samples"
             )
         else:
             yield Measured("link", speed / 1e6, role, low=ways * rate_hz * _WIRE_BYTES / 1e6)

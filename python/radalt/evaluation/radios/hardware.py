@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -17,21 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from ...core.paths import share_dir
 from ...core.radio.calibration import CalibrationKey, store_latency_samples
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
-from ..flowgraph.generate import Prepared, generate
-from ..flowgraph.plan import left_out
-from ..flowgraph.recorder import Recorder, attach_recorder
-from ..flowgraph.rewrite import RADAR_GATE, load_grc, prune
-from ..flowgraph.run import PointResult, make_top, result_of
+from ..flowgraph.generate import Prepared, generated_here, shipped
+from ..flowgraph.rewrite import RADAR_GATE, prune
+from ..flowgraph.run import attach_recorder, finish_recorder, make_top, result_of
 from ..flowgraph.watch import run_to_end
-from ..simulation import TAIL_FRAMES
-from .setup import FULL_SCALE, bring_up, programme_over, radio_blocks, set_up, start_together
+from ..simulation import TAIL_FRAMES, PointResult
+from .bring_up import bring_up, start_together
+from .settings import radio_blocks
+from .setup import FULL_SCALE, programme_over, set_up
 
-__all__ = ["calibrate", "link_bytes_per_s", "prepare_hardware", "receive_alone", "run_hardware"]
+__all__ = ["calibrate", "link_bytes_per_s", "receive_alone", "run_hardware"]
 
 _START_S = 3.0  # longest time from `set_up` to the first sample, s
 _POLL_S = 0.02  # time between checks of the programme's end, s
@@ -48,20 +46,11 @@ def _print(line: str) -> None:
 
 
 @functools.lru_cache(maxsize=8)
-def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.TemporaryDirectory, Path, str]:
-    """Folder, module and name of the flowgraph for radios; generated once per process and removed at its end."""
-    data = prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, jammer)
-    name = f"ota_b210_{'jam' if jammer else 'clear'}"
-    data["options"]["parameters"]["id"] = name
-    folder = tempfile.TemporaryDirectory(prefix="radalt_")
-    return folder, generate(data, Path(folder.name)), name
-
-
-def prepare_hardware(scene: Scene, methods: Sequence[str]) -> Prepared:
-    """Generate ``ota_b210.grc`` for radios, without chains and a second radio that the scene does not need."""
-    _, module, name = _generated(tuple(methods), scene.has_jammer)
-    out = tuple(left_out(scene, methods, simulated=False))
-    return Prepared(module, name, tuple(methods), out)
+def _prepared(methods: tuple[str, ...], jammer: bool) -> Prepared:
+    """``ota_b210.grc`` generated for radios, without chains and a second radio that the scene does not need."""
+    data = prune(shipped(), methods, jammer)
+    data["options"]["parameters"]["id"] = f"ota_b210_{'jam' if jammer else 'clear'}"
+    return Prepared(generated_here(data), methods)
 
 
 class _Events:
@@ -102,16 +91,17 @@ def run_hardware(
 ) -> PointResult:
     """Run a scene's programme once with radios.
 
+    Raises InterlockError, FlowgraphError, CalibrationError, one line. The result's ``segmenter`` also holds
+    ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type, serial).
+
     Parameters
     ----------
     scene : Scene
         At one point of its sweep; ``radio`` names devices, gains, enclosure.
-    methods : sequence of str
     transmit : bool
         The command line's ``--transmit``; the interlock needs it beside the enclosure.
-    calibration : path, optional
-        Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
-        unless ``use_calibration`` is false.
+    calibration, use_calibration, log
+        As in `set_up`.
     capture : path, optional
         SigMF recording of the received samples.
     silent : sequence of str
@@ -119,24 +109,11 @@ def run_hardware(
         radar no timing is found, and the run ends with its last sample.
     time_limit_s : float
         Longest time from start to end.
-    log : callable
-        Receives the readback, a line each.
-
-    Returns
-    -------
-    PointResult
-        ``segmenter`` also holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio``
-        (type, serial).
-
-    Raises
-    ------
-    InterlockError, FlowgraphError, CalibrationError
-        One line.
     """
     require_enclosure(scene, transmit)
     from gnuradio import uhd
 
-    prepared = prepare_hardware(scene, methods)
+    prepared = _prepared(tuple(methods), scene.has_jammer)
     top = make_top(prepared, scene, drop_when_slow=1, transmit=1)
     events = _Events()
     for name in radio_blocks(scene):
@@ -154,14 +131,12 @@ def run_hardware(
         radio = {"full_scale": FULL_SCALE}
         if ready.latency_samples is not None:
             radio["calibration_samples"] = ready.latency_samples
-        recorder = attach_recorder(
-            top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True, radio=radio
-        )
+        recorder = attach_recorder(top, source, scene, capture, start_s=ready.start_s, radio=radio)
     try:
         elapsed = _fly(top, scene, time_limit_s, recorder=recorder, silent=RADAR_GATE in silent)
     finally:
         if recorder is not None:
-            recorder.finish()
+            finish_recorder(top, recorder)
     result = result_of(top, prepared, scene, elapsed)
     result.segmenter |= {
         "tx_underflows": events.counts["underflow"] + events.counts["underflow_in_packet"],
@@ -174,9 +149,7 @@ def run_hardware(
     return result
 
 
-def _fly(
-    top: Any, scene: Scene, time_limit_s: float, *, recorder: Recorder | None = None, silent: bool = False
-) -> float:
+def _fly(top: Any, scene: Scene, time_limit_s: float, *, recorder: Any = None, silent: bool = False) -> float:
     """Run until the programme's last frame has come in, and is recorded; a receiver has no end of its own.
 
     ``silent``: no frame is to be expected, only samples.
@@ -254,14 +227,9 @@ def link_bytes_per_s(serial: str) -> float | None:
 def calibrate(
     scene: Scene, *, transmit: bool, calibration: Path | str | None = None, **options: Any
 ) -> tuple[float, Path]:
-    """Measure the latency over a direct, attenuated cable from TX to RX and store it.
+    """Measure the latency over a direct, attenuated cable from TX to RX and store it; returns samples and file.
 
     Runs the scene's programme without jammer and without an earlier calibration.
-
-    Returns
-    -------
-    float, Path
-        Latency in samples, and the file it was stored in.
     """
     quiet = scene.at(overlap=0.0) if scene.interference else scene
     result = run_hardware(

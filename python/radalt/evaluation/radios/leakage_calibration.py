@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from ...core.channel.simulated import DropSettings, SimulatedChannel
+from ...core.channel.settings import DropSettings
+from ...core.channel.simulated import SimulatedChannel
 from ...core.programme import Programme
 from ...core.receiver.altimeter import Altimeter
 from ...core.receiver.frame import Frame
@@ -22,19 +23,10 @@ _SETTLE_FRAMES, _KNOWN_FRAMES = 8, 60
 
 
 def calibrate_leakage(scene: Scene, frames: int = 400) -> LeakageCalibration:
-    """Measure the leakage without a return, then the installation delay at a known altitude.
+    """Measure the leakage without a return over ``frames``, then the installation delay at a known altitude.
 
-    Parameters
-    ----------
-    scene : Scene
-        Scene with ``channel.leakage_db``; its noise and seed are used, its interference and lost samples are not.
-    frames : int
-        Frames over which the leakage is averaged, 20 or more.
-
-    Raises
-    ------
-    SceneError
-        If the scene has no leakage, or its sweep is not found.
+    The scene has ``channel.leakage_db``; its noise and seed are used, its interference and lost samples are not. Raises
+    SceneError if it has no leakage, or its sweep is not found.
     """
     if scene.channel.leakage_db is None:
         raise SceneError("calibrate_leakage: the scene plays no leakage; set channel.leakage_db")

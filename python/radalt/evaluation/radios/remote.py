@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
-from ...core.paths import share_dir
 from ...core.radio.endpoint import check_endpoint
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
-from ..flowgraph.generate import Prepared, generate
-from ..flowgraph.rewrite import load_grc, prune, remote, simulate
+from ..flowgraph.generate import Prepared, generated_here, shipped
+from ..flowgraph.rewrite import prune, remote, simulate
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import run_to_end
 
@@ -24,13 +21,10 @@ __all__ = ["drive_remotely"]
 
 
 @functools.lru_cache(maxsize=4)
-def _generated(methods: tuple[str, ...], jammer: bool, sim: bool) -> tuple[Any, Prepared]:
+def _prepared(methods: tuple[str, ...], jammer: bool, sim: bool) -> Prepared:
     name = f"ota_remote_{'sim' if sim else 'air'}_{'jam' if jammer else 'clear'}"
-    data = load_grc(share_dir() / "flowgraphs" / "ota_b210.grc")
-    data = simulate(data, name, realtime=True) if sim else data
-    folder = tempfile.TemporaryDirectory(prefix="radalt_")
-    module = generate(remote(prune(data, methods, jammer), name), Path(folder.name))
-    return folder, Prepared(module, name, methods, ())
+    data = simulate(shipped(), name, realtime=True) if sim else shipped()
+    return Prepared(generated_here(remote(prune(data, methods, jammer), name)), methods)
 
 
 def drive_remotely(
@@ -46,37 +40,19 @@ def drive_remotely(
     stop: threading.Event | None = None,
     log: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Run in real time until a ``stop`` request or the event; returns the last state.
+    """Run in real time until a ``stop`` request or the event ``stop``; returns the last state.
 
-    Parameters
-    ----------
-    scene : Scene
-        Interference, channel and limits; its programme is not used.
-    methods : sequence of str
-    telemetry, control : str
-        ZMQ endpoints, empty for none.
-    network, keep_alive_s
-        See `remote_control`.
-    sim : bool
-        Simulated channel instead of the radios.
-    transmit : bool
-        With radios: the command line's ``--transmit``.
-    stop : threading.Event, optional
-        Ends the run from another thread.
-    log : callable
-        Receives the radios' settings and the endpoints, a line each.
-
-    Raises
-    ------
-    InterlockError, FlowgraphError, ValueError
-        One line.
+    The scene gives interference, channel and limits; its programme is not used. ``telemetry`` and ``control`` are ZMQ
+    endpoints, empty for none; ``network`` and ``keep_alive_s`` are those of `remote_control`. ``transmit`` is the
+    command line's ``--transmit``, for radios. ``log`` receives the radios' settings and the endpoints, a line each.
+    Raises InterlockError, FlowgraphError, ValueError, one line.
     """
     scene = by_hand(scene)
     for name, endpoint in (("telemetry", telemetry), ("control", control)):
         check_endpoint(name, endpoint, network=network)
     if not sim:
         require_enclosure(scene, transmit)
-    _, prepared = _generated(tuple(methods), scene.has_jammer, sim)
+    prepared = _prepared(tuple(methods), scene.has_jammer, sim)
     options = {"telemetry": telemetry, "control": control, "drop_when_slow": int(not sim)}
     options |= {"network": int(network), "keep_alive_s": keep_alive_s}
     options |= {} if sim else {"transmit": int(transmit)}

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-__all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "mean_gain", "protection_gain"]
+__all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "break_point_of", "mean_gain", "protection_gain"]
 
 BREAK_PD = 0.9  # least Pd at which a method holds, usual for detection requirements
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Difference of two break-points in decibels.
+    """Difference of two break-points in decibels."""
 
-    Attributes
-    ----------
-    db : float
-        The value, or the end of the range that ``mark`` names; NaN if unknown.
-    mark : str
-        ``""`` exact, ``"<="`` or ``">="`` at the end of a grid, ``"?"`` if both ends are open.
-    """
-
-    db: float
-    mark: str = ""
+    db: float  # the value, or the end of the range that ``mark`` names; NaN if unknown
+    mark: str = ""  # ``""`` exact, ``"<="`` or ``">="`` at the end of a grid, ``"?"`` if both ends are open
 
     def __str__(self) -> str:
         return "\N{EN DASH}" if self.mark == "?" else f"{_SIGN[self.mark]}{self.db:.1f}"
@@ -33,21 +26,13 @@ class Gain:
 
 @dataclass(frozen=True)
 class BreakPoint:
-    """Break-point SIR of a method: the lowest SIR down to which Pd is at least the level.
+    """Break-point SIR of a method: the lowest SIR down to which Pd is at least the level."""
 
-    Attributes
-    ----------
-    sir_db : float
-        SIR at which Pd crosses the level, or the end of the grid that ``mark`` names.
-    mark : str
-        ``""``, ``"<="`` if Pd holds down to the lowest measured SIR, ``">="`` if it fails at the highest.
-    low_db, high_db : float
-        Break-points of the upper and lower 95 % Wilson bounds of Pd: an interval of the break-point; an end of the
-        grid stands for everything beyond it.
-    """
-
-    sir_db: float
+    sir_db: float  # SIR at which Pd crosses the level, or the end of the grid that ``mark`` names
+    # ``""``, ``"<="`` if Pd holds down to the lowest measured SIR, ``">="`` if it fails at the highest
     mark: str
+    # break-points of the upper and lower 95 % Wilson bounds of Pd: an interval of the break-point; an end of the grid
+    # stands for everything beyond it
     low_db: float
     high_db: float
 
@@ -79,11 +64,6 @@ def break_point(
     level : float
         Within 0..1.
 
-    Raises
-    ------
-    ValueError
-        Without points.
-
     Examples
     --------
     >>> str(break_point([-10, -20, -30, -40], [1, 0.95, 0.5, 0.1]))
@@ -104,6 +84,14 @@ def break_point(
     return BreakPoint(
         value, mark, falls(pd if high is None else high)[0], falls(pd if low is None else low)[0]
     )
+
+
+def break_point_of(
+    rows: Sequence[Mapping[str, Any]], sir: str = "sir_db", *, level: float = BREAK_PD
+) -> BreakPoint:
+    """`break_point` of the rows of one curve, with their ``pd``, ``pd_low`` and ``pd_high``, over the column ``sir``."""
+    columns = (sir, "pd", "pd_low", "pd_high")
+    return break_point(*([np.nan if r[c] is None else r[c] for r in rows] for c in columns), level=level)
 
 
 def _crossing(sir: np.ndarray, pd: np.ndarray, level: float) -> tuple[float, str]:

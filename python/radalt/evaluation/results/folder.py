@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 SCHEMA = 2  # of report.json
-_JOURNAL_VERSION = 2  # part of the digest: lines of another format are rejected
+_JOURNAL_VERSION = 3  # part of the digest: lines of another format are rejected
 _MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"
 TEMPORARY = ".tmp"  # suffix of files that are being written
 MAX_REPORT_BYTES = 256 << 20  # largest file of a result folder for reading, bytes: a million rows
@@ -152,10 +152,7 @@ def _read_json(file: Path, hint: str) -> dict[str, Any]:
 def read_report(path: Path) -> dict[str, Any]:
     """``report.json`` of the folder of a finished run.
 
-    Raises
-    ------
-    FolderError
-        One line: the part that is missing, unfinished or cannot be read.
+    Raises FolderError, one line: the part that is missing, unfinished or cannot be read.
     """
     if (path / _MARKER).is_file() and not (path / _REPORT).exists():
         raise FolderError(
@@ -166,6 +163,9 @@ def read_report(path: Path) -> dict[str, Any]:
 
 class RunFolder:
     """The folder of one run, locked by this process.
+
+    Raises FolderError if it holds other files, another run (the first difference is named), or another process writes
+    to it.
 
     Parameters
     ----------
@@ -178,19 +178,7 @@ class RunFolder:
     replace : bool
         Whether it may hold another result of the study, which is then replaced.
     holds : callable
-        Whether an entry of the journal (``point``, ``batch``, ``rows``) is valid for this run.
-
-    Attributes
-    ----------
-    done : dict of (point, batch) -> list of dict
-        Rows of the journal.
-    rejected : list of str
-        Invalid lines (cut, changed, of another run); their points are measured again.
-
-    Raises
-    ------
-    FolderError
-        If it holds other files, another run (the first difference is named), or another process writes to it.
+        Whether an entry of the journal (``point``, ``rows``) is valid for this run.
     """
 
     def __init__(
@@ -206,14 +194,13 @@ class RunFolder:
         whole = {"schema": SCHEMA, "journal": _JOURNAL_VERSION} | head
         self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
-        self.done: dict[tuple[str, int], list[dict[str, Any]]] = {}
-        self.rejected: list[str] = []
+        self.done: dict[str, list[dict[str, Any]]] = {}  # rows of the journal by point
+        self.rejected: list[str] = []  # lines that are cut, changed or of another run; their points are measured again
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
         try:
             path.mkdir(parents=True, exist_ok=True)
-            self._check_links()
-            self._check_kinds()
+            self._check_files()
             self._lock = (path / _LOCK).open("a")
         except FolderError:
             raise
@@ -228,14 +215,13 @@ class RunFolder:
             ) from None
         self._claim(resume, holds)
 
-    def _check_links(self) -> None:
-        """Refuse links, through which files elsewhere would be overwritten."""
+    def _check_files(self) -> None:
+        """Refuse links, through which files elsewhere would be overwritten, and pipes, whose opening would block."""
         for found in self.path.rglob("*"):
             if found.is_symlink():
-                raise FolderError(f"{found} is a link, through which files elsewhere would be overwritten; remove it")
-
-    def _check_kinds(self) -> None:
-        """Refuse files of the run that are no regular files: opening a pipe would block."""
+                raise FolderError(
+                    f"{found} is a link, through which files elsewhere would be overwritten; remove it"
+                )
         for name in (_LOCK, _MARKER, _JOURNAL, _REPORT):
             path = self.path / name
             if path.exists() and not path.is_file():
@@ -247,7 +233,7 @@ class RunFolder:
             held = _read_json(marker, "name another --out")
             if self._replaces and held.get("study") == self.head.get("study"):
                 (self.path / _JOURNAL).unlink(missing_ok=True)
-                _replace(marker, json.dumps(self.head, indent=1) + "\n")
+                write_json(marker, self.head)
                 return
             if not resume:
                 raise FolderError(
@@ -262,7 +248,7 @@ class RunFolder:
                 f"--out {self.path} holds files that are no run of ours ({strange[0][:60]}"
                 f"{' and others' if len(strange) > 1 else ''}); name a new or an empty folder"
             )
-        _replace(marker, json.dumps(self.head, indent=1) + "\n")
+        write_json(marker, self.head)
 
     def _check(self, held: dict[str, Any]) -> None:
         try:
@@ -290,21 +276,21 @@ class RunFolder:
             if entry is None or not holds(entry):
                 self.rejected.append(f"{journal}:{number}")
             else:
-                self.done[entry["point"], entry["batch"]] = entry["rows"]
+                self.done[entry["point"]] = entry["rows"]
                 kept.append(line)
         if self.rejected:
             _replace(journal, "".join(kept))
 
-    def add(self, point: str, batch: int, rows: Sequence[dict[str, Any]]) -> None:
+    def add(self, point: str, rows: Sequence[dict[str, Any]]) -> None:
         """Append the rows of a point to the journal; they are on disk when it returns."""
-        content = {"point": point, "batch": batch, "rows": list(rows)}
+        content = {"point": point, "rows": list(rows)}
         line = json.dumps(content | {"digest": self._digest(content)}, allow_nan=False) + "\n"
         journal = self.path / _JOURNAL
         with writing(journal), journal.open("a", encoding="utf-8") as file:
             file.write(line)
             file.flush()
             os.fsync(file.fileno())
-        self.done[point, batch] = json.loads(line)["rows"]
+        self.done[point] = json.loads(line)["rows"]
 
     def write_text(self, name: str, text: str) -> Path:
         """Write a file of the folder atomically."""
@@ -333,9 +319,8 @@ class RunFolder:
         try:
             entry = json.loads(line)
             digest = entry.pop("digest")
-            if digest != self._digest(entry) or set(entry) != {"point", "batch", "rows"}:
+            if digest != self._digest(entry) or set(entry) != {"point", "rows"}:
                 return None
         except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
             return None
-        kinds = (type(entry["point"]), type(entry["batch"]), type(entry["rows"]))
-        return entry if kinds == (str, int, list) else None
+        return entry if (type(entry["point"]), type(entry["rows"])) == (str, list) else None

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...core.receiver.tracker_settings import Status
-from .proportion import clopper_pearson, clopper_pearson_bound
+from .proportion import clopper_pearson_bound
 from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
 
 __all__ = [
@@ -54,37 +54,22 @@ def is_hazardous(outputs: np.ndarray, truth_m: np.ndarray, limit_m: np.ndarray |
 
 @dataclass(frozen=True)
 class Integrity:
-    """Counts over a set of outputs; sets are added with ``+``.
+    """Counts over a set of outputs; sets are added with ``+``."""
 
-    Attributes
-    ----------
-    outputs, computed : int
-        All outputs with a known truth; those with status NORMAL.
-    failures : int
-        Outputs with status FAILURE.
-    misleading, hazardous : int
-        See the module.
-    wrong_5m, wrong_20m, wrong_accuracy : int
-        Computed outputs whose error is at least 5 m, 20 m, or beyond the accuracy of DO-155 at the true altitude.
-    interruptions : int
-        Computed outputs whose next output is not computed.
-    followed : int
-        Computed outputs that have a next output.
-    unbounded : int
-        Computed outputs whose protection level exceeds the alert limit: not available.
-    """
-
+    # all outputs with a known truth; those with status NORMAL
     outputs: int = 0
     computed: int = 0
-    failures: int = 0
+    failures: int = 0  # outputs with status FAILURE
+    # see the module
     misleading: int = 0
     hazardous: int = 0
+    # computed outputs whose error is at least 5 m, 20 m, or beyond the accuracy of DO-155 at the true altitude
     wrong_5m: int = 0
     wrong_20m: int = 0
     wrong_accuracy: int = 0
-    interruptions: int = 0
-    followed: int = 0
-    unbounded: int = 0
+    interruptions: int = 0  # computed outputs whose next output is not computed
+    followed: int = 0  # computed outputs that have a next output
+    unbounded: int = 0  # computed outputs whose protection level exceeds the alert limit: not available
 
     def __add__(self, other: Integrity) -> Integrity:
         return Integrity(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -92,10 +77,6 @@ class Integrity:
     def rate(self, name: str) -> float:
         """A count over all outputs, computed or not; NaN without any."""
         return getattr(self, name) / self.outputs if self.outputs else float("nan")
-
-    def interval(self, name: str, confidence: float = 0.95) -> tuple[float, float]:
-        """Clopper-Pearson interval of `rate`."""
-        return clopper_pearson(getattr(self, name), self.outputs, confidence)
 
     def bound(self, name: str) -> float:
         """95 % upper bound (Clopper and Pearson, one-sided) of `rate`."""
@@ -133,25 +114,13 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
     ----------
     outputs : (n,) structured array of `tracker.OUTPUT_DTYPE`
     truth_m : (n,) float
-        True altitude at each output's time. NaN where there is no return at all: whatever is computed there is
-        wrong by every limit, and hazardous where its protection level is within the alert limit. An output without a meaning (a frame of synchronisation) has to
-        be left out by the caller.
+        True altitude at each output's time; NaN where there is no return at all: whatever is computed there is wrong
+        by every limit, and hazardous where its protection level is within the alert limit. The caller leaves out
+        outputs without a meaning, such as those of synchronisation.
     alert_limit_m : (n,) or scalar, > 0
-        Alert limit: the largest error without a warning.
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ or an alert limit is not above 0.
+        Largest error without a warning.
     """
     truth = np.asarray(truth_m, dtype=float)
-    if truth.shape != outputs.shape:
-        raise ValueError(
-            f"truth_m has shape {truth.shape}, outputs {outputs.shape}; they have to be one to one"
-        )
-    limit = np.broadcast_to(np.asarray(alert_limit_m, dtype=float), truth.shape)
-    if not np.all(limit > 0):
-        raise ValueError(f"alert_limit_m holds {limit[~(limit > 0)][0]!r}; it has to be above 0")
     computed = outputs["status"] == Status.NORMAL
     error, level = error_m(outputs, truth), outputs["protection_level_m"]
 
@@ -164,13 +133,13 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
         computed=int(computed.sum()),
         failures=int(np.count_nonzero(outputs["status"] == Status.FAILURE)),
         misleading=count(error > level),
-        hazardous=count(is_hazardous(outputs, truth, limit)),
+        hazardous=count(is_hazardous(outputs, truth, alert_limit_m)),
         wrong_5m=count(error >= CORRECT_LIMIT_M),
         wrong_20m=count(error >= FAR_LIMIT_M),
         wrong_accuracy=count(error > accuracy),
         interruptions=int(np.count_nonzero(computed[:-1] & ~computed[1:])),
         followed=int(np.count_nonzero(computed[:-1])),
-        unbounded=count(level > limit),
+        unbounded=count(level > alert_limit_m),
     )
 
 
@@ -190,18 +159,9 @@ def time_to_alert_s(
     *,
     fault_frame: int,
 ) -> float:
-    """Seconds from a fault to the end of the last hazardous output; 0 without one.
+    """Seconds from a fault to the end of the last hazardous output; 0 without one, infinite if the last output is.
 
-    Infinite if the last output is hazardous.
-
-    Parameters
-    ----------
-    outputs, truth_m, alert_limit_m
-        As in `integrity`.
-    sweep_s : float
-        Seconds per frame.
-    fault_frame : int
-        First frame with the fault.
+    Arguments are those of `integrity`, the seconds per frame, and the first frame with the fault.
     """
     hazardous = is_hazardous(outputs, np.asarray(truth_m, dtype=float), alert_limit_m)
     hazardous &= outputs["frame_index"] >= fault_frame

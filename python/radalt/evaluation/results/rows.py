@@ -14,20 +14,13 @@ __all__ = ["Columns"]
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of one table in order; columns that are neither text nor whole numbers are floats of nine digits.
-
-    Attributes
-    ----------
-    names : tuple of str
-    text, whole : frozenset of str
-        Columns that hold words, and those that hold whole numbers.
-    timing : frozenset of str
-        Columns that differ from run to run; all others are a function of study, point and seed.
-    """
+    """Columns of one table in order; columns that are neither text nor whole numbers are floats of nine digits."""
 
     names: tuple[str, ...]
+    # columns that hold words, and those that hold whole numbers
     text: frozenset[str] = frozenset()
     whole: frozenset[str] = frozenset()
+    # columns that differ from run to run; all others are a function of study, point and seed
     timing: frozenset[str] = frozenset()
 
     def row(self, values: Mapping[str, Any]) -> dict[str, Any]:

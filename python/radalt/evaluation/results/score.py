@@ -46,36 +46,20 @@ def accuracy_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Score:
-    """Counts and error sums of a set of trials; sets are added with ``+``.
+    """Counts and error sums of a set of trials; sets are added with ``+``."""
 
-    Attributes
-    ----------
-    trials, detections, correct : int
-        See the module.
-    forced : int
-        Trials with a forced decision: all but those of empty or non-finite frames.
-    lost : int
-        Frames of the programme that the segmenter did not output; not in the other counts.
-    far : int
-        Detections with an error of 20 m or more.
-    squared_detected_m2, error_detected_m : float
-        Sums over detections of the squared error and of the signed error (measured minus true).
-    squared_forced_m2 : float
-        Sum over forced decisions of the squared error.
-    peak_to_sidelobe_sum_db : float
-        Sum over forced decisions of the peak-to-sidelobe ratio.
-    """
-
+    # see the module
     trials: int = 0
     detections: int = 0
     correct: int = 0
-    forced: int = 0
-    lost: int = 0
-    far: int = 0
+    forced: int = 0  # trials with a forced decision: all but those of empty or non-finite frames
+    lost: int = 0  # frames of the programme that the segmenter did not output; not in the other counts
+    far: int = 0  # detections with an error of 20 m or more
+    # sums over detections of the squared error and of the signed error (measured minus true)
     squared_detected_m2: float = 0.0
     error_detected_m: float = 0.0
-    squared_forced_m2: float = 0.0
-    peak_to_sidelobe_sum_db: float = 0.0
+    squared_forced_m2: float = 0.0  # sum over forced decisions of the squared error
+    peak_to_sidelobe_sum_db: float = 0.0  # sum over forced decisions of the peak-to-sidelobe ratio
 
     def __add__(self, other: Score) -> Score:
         return Score(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -149,14 +133,9 @@ SCORE_COLUMNS = tuple(Score().row())
 
 
 def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> Score:
-    """Score results against true altitudes.
+    """Score altimeter results (`RESULT_DTYPE`) against true altitudes in metres.
 
-    Parameters
-    ----------
-    results : (n,) structured array of the altimeter's `RESULT_DTYPE`
-    truth_m : (n,) metres
-    lost : int
-        Frames of the programme that are missing in the results.
+    ``lost``: frames of the programme that are missing in the results.
     """
     valid = results["valid"]
     error = (results["altitude_m"] - truth_m)[valid]

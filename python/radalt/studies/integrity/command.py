@@ -1,7 +1,7 @@
 """Can the altitude be trusted: tracked outputs of every method over interference, faults and deception.
 
     .venv/bin/python flowgraphs/integrity.py  # one flight of 2 s through each case, into results/integrity
-    .venv/bin/python flowgraphs/integrity.py --frames=2120 --resume --publish docs  # 100,276 outputs inside the claim
+    .venv/bin/python flowgraphs/integrity.py --frames=2160 --resume --publish docs  # 101,304 outputs inside the claim
     .venv/bin/python flowgraphs/integrity.py --replay jammed/nr5/1/-40dB/snr10:1:0  # one flight, output by output
 
 Exits with 1 if an output was hazardous inside the claim: in no case at a limit that docs/tracker.md states.
@@ -111,5 +111,5 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, sampled=False)
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after)
 main, _parser = SHELL.main, SHELL.parser

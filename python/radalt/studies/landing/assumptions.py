@@ -1,4 +1,4 @@
-"""Assumptions a landing result hangs on, one row of the sensitivity table each."""
+"""Assumptions on which a landing result depends, a row of the sensitivity table each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import signal
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.evm import TYPICAL
-from ...core.interference.receiver_filter import check_receiver, receiver_taps
+from ...core.interference.receiver_filter import window_taps
 from .config import LandingConfig
 
 __all__ = ["ASSUMPTIONS", "Assumption"]
@@ -21,10 +21,10 @@ __all__ = ["ASSUMPTIONS", "Assumption"]
 class Assumption:
     """A study changed in one assumption.
 
-    Parameters
+    Attributes
     ----------
     name, group, text : str
-        Key, part of the table, and what is assumed, for the reader.
+        Key, part of the table, and the assumption in words.
     change : callable
         From the study to the changed one.
     shift_db : float
@@ -40,17 +40,17 @@ class Assumption:
 
 @dataclass(frozen=True)
 class ReceivedQpsk:
-    """QPSK with rectangular pulses as a receiver gives it: built at four times the rate, filtered, decimated.
+    """QPSK with rectangular pulses behind a receiver: made at four times the rate, filtered, decimated.
 
-    Sampled straight at the radar's rate, such pulses do not change between symbol edges, so that a method can
-    take them away exactly, at any level; no receiver delivers that.
+    Sampled at the radar's rate without a filter, such pulses are constant between symbol edges, so that a method can
+    remove them exactly at any level; no receiver delivers that.
     """
 
     emitter: QpskEmitter = QpskEmitter(evm=TYPICAL)
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`."""
-        taps = receiver_taps(4 * rate_hz, rate_hz / 2, check_receiver(rate_hz, None))
+        taps = window_taps(rate_hz, 4)
         wide = self.emitter.samples(4 * count + taps.size, 4 * rate_hz, rng)
         return signal.upfirdn(taps, wide, 1, 4)[taps.size // 4 :][:count]
 
@@ -96,7 +96,7 @@ def _beam(width_deg: float) -> Assumption:
     return Assumption(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
 
 
-# B T_h = 3750: what dechirping a half sweep gains against interference that is white over the band
+# gain of dechirping a half sweep (B T_h = 3750) against interference that is white over the band
 COMPRESSION_DB = 35.7
 
 ASSUMPTIONS: tuple[Assumption, ...] = (

@@ -10,17 +10,16 @@ import numpy as np
 
 from ...core.mitigation import create
 from ...core.receiver.altimeter import Altimeter
-from ...evaluation.overlap.figures import series_style
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.score import CORRECT_LIMIT_M, accuracy_limit_m
+from ...evaluation.results.style import series_style
 from .config import LandingConfig
 from .points import approach_frames, impaired, rng_of
 
 __all__ = ["condition", "curve_of", "draw_figures"]
 
-IMAGE_FRAMES = 300
-_DPI, _ACROSS = 130, 4
-FEWEST_DETECTIONS = 5
+IMAGE_FRAMES = 300  # columns of the range-time image, about one per pixel
+_DPI, _ACROSS = 130, 4  # resolution of all figures; conditions side by side in the first
 
 
 def condition(row: dict[str, Any]) -> str:
@@ -29,7 +28,7 @@ def condition(row: dict[str, Any]) -> str:
 
 
 def curve_of(rows: Sequence[dict[str, Any]], overlap: float, method: str) -> list[dict[str, Any]]:
-    """One curve of figure 2, by rising SINR asked for (what a point got is limited by its SNR)."""
+    """One curve of figure 2, by rising nominal SINR (that of a point is limited by its SNR)."""
     wanted = [r for r in rows if (r["overlap"], r["method"]) == (overlap, method)]
     return sorted((r for r in wanted if r["asked_sinr_db"] is not None), key=lambda r: r["asked_sinr_db"])
 
@@ -37,7 +36,7 @@ def curve_of(rows: Sequence[dict[str, Any]], overlap: float, method: str) -> lis
 def draw_figures(
     config: LandingConfig, rows: Mapping[str, Sequence[dict[str, Any]]], folder: Path
 ) -> list[str]:
-    """Draw what the tables have material for; returns the file names, in report order."""
+    """Draw the figures of the tables that have rows; returns the file names, in report order."""
     names = []
     if rows["approach"]:
         names.append(_approach(config, rows["approach"], folder))
@@ -48,7 +47,7 @@ def draw_figures(
 
 
 def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
-    """Altitude over time and below it the error, per condition; at most four conditions side by side."""
+    """Altitude and error over time, per condition."""
     labels = list(dict.fromkeys(condition(r) for r in rows))
     across = min(len(labels), _ACROSS)
     down = -(-len(labels) // across)
@@ -147,26 +146,22 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
 
 
 def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
-    """Error over all frames, error over detections and Pd against SINR, a column an overlap."""
+    """Error over all frames and Pd against SINR, a row per overlap; errors of detections only are in curve.csv."""
     overlaps = config.curve.overlap
-    figure = new_figure(3.2 * len(overlaps) + 1, 9, dpi=_DPI)
-    axes = figure.subplots(3, len(overlaps), sharex=True, sharey="row", squeeze=False)
-    panels = (
+    figure = new_figure(6.2, 2.1 * len(overlaps) + 1.4, dpi=_DPI)
+    axes = figure.subplots(len(overlaps), 2, sharex=True, sharey="col", squeeze=False)
+    columns = (
         ("rmse_forced_m", "rmse_forced_low_m", "rmse_forced_high_m", "RMSE, all frames / m"),
-        ("rmse_detected_m", "rmse_detected_low_m", "rmse_detected_high_m", "RMSE, detections / m"),
         ("pd", "pd_low", "pd_high", "Pd (|error| < 5 m)"),
     )
     ceiling = next((r for r in rows if r["asked_sinr_db"] is None and r["method"] == "none"), None)
-    for column, overlap in enumerate(overlaps):
-        for line, (value, low, high, label) in enumerate(panels):
-            axis = axes[line, column]
+    for pair, overlap in zip(axes, overlaps, strict=True):
+        for axis, (value, low, high, label) in zip(pair, columns, strict=True):
             if ceiling and ceiling[value] is not None:
                 axis.axhline(ceiling[value], color="#999999", lw=1.5)
                 axis.axhspan(ceiling[low], ceiling[high], color="#999999", alpha=0.25)
             for method in config.methods:
                 mine = curve_of(rows, overlap, method)
-                if value == "rmse_detected_m":  # the error of a handful of detections says nothing
-                    mine = [r for r in mine if r["detections"] >= FEWEST_DETECTIONS]
                 x = [r["asked_sinr_db"] for r in mine]
                 y, bottom, top = (
                     np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float)
@@ -175,16 +170,17 @@ def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], f
                 style = series_style(method, config.methods)
                 axis.plot(x, y, ms=4, **style)
                 axis.fill_between(x, bottom, top, color=style["color"], alpha=0.15)
-            if line < 2:
-                axis.set_yscale("log")
-            if column == 0:
-                axis.set_ylabel(label)
+            axis.set_ylabel(label)
+            axis.set_title(f"overlap {overlap:g}" + (" (noise alone)" if overlap == 0 else ""), fontsize=10)
             axis.grid(alpha=0.3)
-        axes[0, column].set_title(f"overlap {overlap:g}" + (" (noise alone)" if overlap == 0 else ""))
-        axes[2, column].set_xlabel("SINR / dB")
+        pair[0].set_yscale("log")
+    for axis in axes[-1]:
+        axis.set_xlabel("SINR / dB")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=8, fontsize=9, frameon=False)
-    figure.suptitle(f"grey: no interference, no mitigation; bands: 95 % intervals\n{_sent(config)}")
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9, frameon=False)
+    figure.suptitle(
+        f"grey: no interference, no mitigation; bands: 95 % intervals\n{_sent(config)}", fontsize=9
+    )
     return _save(figure, folder, "figure_2_error_against_sinr.png")
 
 

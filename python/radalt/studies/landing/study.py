@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ...core.mitigation.tcae import default_model_path
-from ...evaluation.engine.study import Run, Study
-from ...evaluation.overlap.study import check_methods
-from ...evaluation.results.folder import RunFolder
+from ...evaluation.engine.study import Study
+from ...evaluation.overlap.study import check_methods, method_files
 from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
-from .points import TABLES, LandingPoint, point_rows, pooled_row, seconds, study_points
-from .report import write_report
+from .points import TABLES, LandingPoint, point_rows, seconds, study_points
 
 __all__ = ["LandingStudy"]
+
+_LANDING = ("trajectory", "terrain", "antenna")  # first words of the names in `files` that are not a method's
 
 
 @dataclass(frozen=True)
 class LandingStudy(Study):
-    """A flight over terrain, and how it is measured."""
+    """Altitudes of all methods over an approach, against SINR, and under other assumptions."""
 
     config: LandingConfig
 
     tables: ClassVar[Mapping[str, Columns]] = TABLES
-    sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {
         "figure_1_approach.png": "figures/landing_approach.png",
         "figure_2_error_against_sinr.png": "figures/landing_error_against_sinr.png",
@@ -45,7 +43,7 @@ class LandingStudy(Study):
         check_config(self.config)
 
     def head(self) -> dict[str, Any]:
-        """The file of the study, and the hashes of the files of its landing."""
+        """The study's settings, and hashes of the files of its landing."""
         paths = [path for name, path in self.files().items() if name.split()[0] in _LANDING]
         return {
             "name": self.config.name,
@@ -59,19 +57,9 @@ class LandingStudy(Study):
         """See `points.study_points`."""
         return study_points(self.config)
 
-    def measure(self, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: LandingPoint) -> list[dict[str, Any]]:
         """See `points.point_rows`."""
-        return point_rows(self.config, point, batch)
-
-    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `points.pooled_row`."""
-        if len(batches) == 1:
-            return list(batches[0])
-        return [pooled_row(same) for same in zip(*batches, strict=True)]
-
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        return write_report(folder, self.config, rows, run)
+        return point_rows(self.config, point)
 
     def seconds(self, point: LandingPoint) -> float:
         """See `points.seconds`."""
@@ -84,12 +72,7 @@ class LandingStudy(Study):
         out |= {f"terrain {k}": spec.path(name) for k, name in enumerate(config.terrain.files)}
         if config.antenna.pattern:
             out["antenna"] = spec.path(config.antenna.pattern)
-        for method in config.methods:
-            options = config.method_options.get(method, {})
-            out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
-            if method == "tcae" and not options.get("model"):
-                out["tcae model"] = default_model_path(config.waveform)
-        return out
+        return out | method_files(config)
 
     def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
         """See `Study`."""
@@ -108,6 +91,3 @@ class LandingStudy(Study):
             method_options=options,
         )
         return LandingStudy(changed)
-
-
-_LANDING = ("trajectory", "terrain", "antenna")

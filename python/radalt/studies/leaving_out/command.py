@@ -51,7 +51,5 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     return f"{rows[0]['scene']}: " + ", ".join(f"{r['built']} {r['cpu_s']:.2f} s" for r in rows)
 
 
-SHELL = StudyCommand(
-    PROGRAM, __name__, _arguments, _study, _describe, _after, time_limit_s=1800.0, sampled=False
-)
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, time_limit_s=1800.0)
 main, _parser = SHELL.main, SHELL.parser

@@ -1,203 +1,84 @@
-"""The figure of the error-against-run-time report: numbered points, and beside them what the numbers stand for."""
+"""Figure of the error-against-run-time report: Pd against CPU time, with the names of the chains to choose from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...core.interference.evm import EMITTERS
-from ...evaluation.results.figure import new_figure, save_figure
+from ...evaluation.results.figure import new_figure, save_figure, say
 
-__all__ = ["draw", "pareto", "place_labels"]
+__all__ = ["draw", "pareto"]
 
-REAL_TIME_MS = 1.0  # a frame lasts so long
-_FRONT, _REST = "#0072B2", "#777777"
-_LABEL_PT = 6.5
-_DIRECTIONS = np.exp(2j * np.pi * np.arange(16) / 16 + 0.4j)  # of a label from its point; none is along a bar
+REAL_TIME_MS = 1.0  # duration of a frame
+_FRONT, _REST = "#0072B2", "#777777"  # chains on the Pareto front, and all others
+# Offset of a name from its point, in points of 1/72 inch, so that neighbours do not cover each other. Other chains are
+# dots without a name: at 400 pixels eight names can be read.
+_NAMES = {
+    "none": (0, -12),
+    "whitening": (-4, 8),
+    "linear_prediction": (0, -12),
+    "blanking": (2, 8),
+    "qpsk_cancel": (6, -23),
+    "ofdm_cancel": (0, -12),
+    "tcae tcae": (16, 8),
+    "hybrid": (0, -12),
+}
 
 
 def draw(report: dict[str, Any], path: Path) -> None:
-    """Error and Pd against CPU time, with the Pareto front, the real-time line, the clean ceiling and the bound.
+    """Pd against CPU time, with the Pareto front and the real-time line.
 
     Parameters
     ----------
     report : dict
-        Of `report.write_report`.
+        As of `report.summarise`.
     path : Path
         PNG file.
     """
-    figure = new_figure(12.6, 4.9, dpi=180)
-    left, right, key = figure.subplots(1, 3, width_ratios=(1, 1, 0.42))
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    figure = new_figure(5.6, 4.6, dpi=180)
+    axis = figure.subplots()
     figure.suptitle(f"{EMITTERS}, but for NR 10 MHz ideal", fontsize=8)
-    summary = report["summary"]
-    clean = next(s for s in summary if s["chain"] == "none")["clean"]
-    left.set_yscale("log")
-    left.axhline(
-        clean["rmse_forced_m"], color="#009E73", ls=":", lw=1.2, label="clean ceiling, no mitigation"
-    )
-    cramer = "Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao, clean"
-    left.axhline(report["crb_m"], color="#D55E00", ls="-.", lw=1.0, label=cramer)
-    right.axhline(clean["pd"], color="#009E73", ls=":", lw=1.2)
-    left.set_ylabel("RMSE of forced decisions, pooled / m", fontsize=8)
-    right.set_ylabel("Pd pooled over interferers and SIRs", fontsize=8)
-    panels = (
-        (left, {s["chain"]: s["pooled"]["rmse_forced_m"] for s in summary}, 1.0),
-        (right, {s["chain"]: s["pooled"]["pd"] for s in summary}, -1.0),
-    )
-    fronts = [_panel(axis, summary, values, sign) for axis, values, sign in panels]
-    _key(key, summary, set().union(*fronts))
-    handles = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=7.5, frameon=False
-    )
-    figure.draw_without_rendering()  # the places of points are known after the layout
-    for axis, values, _ in panels:
-        _number(axis, summary, values, figure.dpi)
+    points = {s["chain"]: (s["times"][1]["ms_median"], s["pooled"]["pd"]) for s in report["summary"]}
+    p99 = {s["chain"]: s["times"][1]["ms_p99"] for s in report["summary"]}
+    front = pareto({chain: (x, -y) for chain, (x, y) in points.items()})
+    axis.axvline(REAL_TIME_MS, color="#666666", ls="--", lw=0.9, label="real time, 1 ms")
+    axis.plot(
+        *zip(*(points[k] for k in front), strict=True),
+        color=_FRONT, lw=1.2, drawstyle="steps-post", label="Pareto front", zorder=2,
+    )  # fmt: skip
+    for chain, (x, y) in points.items():
+        colour = _FRONT if chain in front else _REST
+        named = chain in _NAMES
+        axis.plot(x, y, marker="o", ms=5 if named else 2.5, color=colour, ls="none", zorder=3)
+        if named:
+            axis.plot([x, max(p99[chain], x)], [y, y], color=colour, lw=0.7, alpha=0.6, zorder=2)
+            axis.annotate(
+                chain.removeprefix("tcae "), (x, y), xytext=_NAMES[chain], textcoords="offset points",
+                ha="center", va="center", fontsize=9, color=colour, zorder=4,
+            )  # fmt: skip
+    say(axis, *zip(*points.values(), strict=True), list(points))
+    axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_xlabel("CPU time per frame, method and altimeter / ms (bar: to p99)", fontsize=9)
+    axis.set_ylabel("Pd over all interferers and SIRs", fontsize=9)
+    axis.set_ylim(-0.05, 1.08)
+    axis.margins(x=0.08)
+    axis.grid(True, which="both", lw=0.3, color="#DDDDDD")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     save_figure(figure, path)
 
 
 def pareto(points: Mapping[str, tuple[float, float]]) -> list[str]:
-    """Labels on the front of (cost, loss), both smaller is better, in the order of cost."""
+    """Labels on the Pareto front of (cost, loss), smaller is better, in the order of cost."""
     front, best = [], float("inf")
     for label, (_, loss) in sorted(points.items(), key=lambda item: item[1]):
         if loss < best:
             front.append(label)
             best = loss
     return front
-
-
-def _at(summary: dict[str, Any], value: float) -> tuple[float, float]:
-    return summary["times"][1]["ms_median"], value
-
-
-def _panel(
-    axis: Any, summary: Sequence[dict[str, Any]], values: dict[str, float | None], sign: float
-) -> set[str]:
-    """Points, bars and front of one panel; returns the chains on its front."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    shown = [s for s in summary if values[s["chain"]] is not None]
-    points = {s["chain"]: _at(s, values[s["chain"]]) for s in shown}
-    front = pareto({k: (x, sign * y) for k, (x, y) in points.items()})
-    line = np.array([points[k] for k in front])
-    axis.axvline(REAL_TIME_MS, color="#666666", ls="--", lw=0.9, label="real time, 1 ms")
-    axis.plot(*line.T, color=_FRONT, lw=1.2, drawstyle="steps-post", label="Pareto front", zorder=2)
-    for s in shown:
-        x, y = points[s["chain"]]
-        colour = _FRONT if s["chain"] in front else _REST
-        axis.plot([x, max(s["times"][1]["ms_p99"], x)], [y, y], color=colour, lw=0.6, alpha=0.6, zorder=2)
-        axis.plot(x, y, marker=_marker(s), ms=_size(s), color=colour, ls="none", zorder=3)
-    axis.set_xscale("log")
-    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.xaxis.set_major_formatter("{x:g}")
-    axis.xaxis.set_minor_formatter(NullFormatter())
-    axis.set_xlabel("CPU time, method and altimeter, one frame at a time / ms (bar: to p99)", fontsize=8)
-    axis.grid(True, which="both", lw=0.3, color="#DDDDDD")
-    axis.tick_params(labelsize=7.5)
-    axis.margins(x=0.06, y=0.08)
-    return set(front)
-
-
-def _marker(summary: dict[str, Any]) -> str:
-    """A star for a network, a dot for a choice of the altimeter, a disc for a classical method."""
-    if summary["chain"].startswith("tcae"):
-        return "*"
-    return "." if summary["chain"].startswith("none, ") else "o"
-
-
-def _size(summary: dict[str, Any]) -> float:
-    return {"*": 8.0, ".": 5.0, "o": 4.5}[_marker(summary)]
-
-
-def _number(
-    axis: Any, summary: Sequence[dict[str, Any]], values: dict[str, float | None], dpi: float
-) -> None:
-    """Each point's number beside it, with a line to it where it had to step aside."""
-    numbered = [(k, s) for k, s in enumerate(summary, 1) if values[s["chain"]] is not None]
-    at = axis.transData.transform([_at(s, values[s["chain"]]) for _, s in numbered])
-    ends = axis.transData.transform([(s["times"][1]["ms_p99"], values[s["chain"]]) for _, s in numbered])
-    bars = np.concatenate([np.linspace(a, b, 40) for a, b in zip(at, ends, strict=True)])
-    point = dpi / 72.0
-    size = (1.35 * _LABEL_PT * point, 1.1 * _LABEL_PT * point)
-    places = place_labels(at, bars, size=size, inside=axis.bbox.extents)
-    for (number, _), (x, y) in zip(numbered, (places - at) / point, strict=True):
-        s = summary[number - 1]
-        axis.annotate(
-            str(number),
-            _at(s, values[s["chain"]]),
-            xytext=(x, y),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=_LABEL_PT,
-            zorder=5,
-            bbox={"boxstyle": "square,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.7},
-            arrowprops={"arrowstyle": "-", "lw": 0.4, "color": "#444444", "shrinkA": 0.0, "shrinkB": 0.0},
-        )
-
-
-def place_labels(
-    at: np.ndarray, avoid: np.ndarray, size: tuple[float, float], inside: Sequence[float]
-) -> np.ndarray:
-    """Centres of labels that cover neither each other nor a point, each as near to its own as it can be.
-
-    Greedy: rings of growing radius about each point, the first free place is taken.
-
-    Parameters
-    ----------
-    at : (n, 2) array
-        Points, in pixels.
-    avoid : (m, 2) array
-        Other places that no label may cover.
-    size : (width, height)
-        Of a label, in pixels.
-    inside : (left, bottom, right, top)
-        Where labels may lie.
-
-    Returns
-    -------
-    (n, 2) array
-        A label that finds no free place within 40 rings lies on its point.
-    """
-    size_xy, inside = np.asarray(size, dtype=float), np.asarray(inside, dtype=float)
-    placed: list[np.ndarray] = []
-    out = at.astype(float).copy()
-    for k, own in enumerate(at):
-        for ring in range(2, 42):
-            steps = 0.55 * ring * size_xy[1] * np.stack([_DIRECTIONS.real, _DIRECTIONS.imag], axis=1)
-            for centre in own + steps:
-                fits = (centre - size_xy / 2 >= inside[:2]).all() and (
-                    centre + size_xy / 2 <= inside[2:]
-                ).all()
-                free = not any((np.abs(centre - other) < size_xy).all() for other in placed)
-                free = free and not (np.abs(at - centre) < 0.75 * size_xy).all(axis=1).any()
-                free = free and not (np.abs(avoid - centre) < 0.5 * size_xy).all(axis=1).any()
-                if fits and free:
-                    out[k] = centre
-                    placed.append(centre)
-                    break
-            else:
-                continue
-            break
-    return out
-
-
-def _key(axis: Any, summary: Sequence[dict[str, Any]], fronts: set[str]) -> None:
-    """The table of numbers; what is on a front is in its colour."""
-    axis.set_axis_off()
-    axis.set_xlim(0.0, 1.0)
-    axis.set_ylim(len(summary) + 0.5, 0.5)
-    for k, s in enumerate(summary, 1):
-        colour = _FRONT if s["chain"] in fronts else "#444444"
-        axis.plot(0.03, k, marker=_marker(s), ms=_size(s), color=colour, ls="none", clip_on=False)
-        axis.text(0.15, k, str(k), fontsize=7, color=colour, ha="right", va="center")
-        axis.text(0.19, k, _name(s["chain"]), fontsize=7, color=colour, va="center")
-
-
-def _name(label: str) -> str:
-    """A network by its file's name alone."""
-    short = label.replace("lms_reference_input", "lms, ref. as input")
-    return short.removeprefix("tcae ") + ".onnx" if short.startswith("tcae ") else short

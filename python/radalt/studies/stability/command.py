@@ -25,7 +25,7 @@ METHODS = (
     "none,whitening,linear_prediction,blanking,nlms_predictor,nlms,"
     "lms_reference_input,lms,ofdm_cancel,qpsk_cancel,tcae,hybrid"
 )
-GROUPS = "stiff,scene,waveform,numbers"
+GROUPS = "stiff,scene,waveform,numbers,front_end"
 
 
 def _arguments(parser: Parser) -> None:
@@ -71,5 +71,5 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     return f"LMS step limit at spread {first['spread']:.0e}: {first['verdict']}"
 
 
-SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, sampled=False)
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after)
 main, _parser = SHELL.main, SHELL.parser

@@ -84,5 +84,5 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     return f"{first['interferer']}, {first['method']}, seed {first['seed']}: {found}"
 
 
-SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, time_limit_s=1800.0, sampled=False)
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, time_limit_s=1800.0)
 main, _parser = SHELL.main, SHELL.parser

@@ -18,10 +18,11 @@ from typing import ClassVar
 import numpy as np
 from scipy.constants import Boltzmann, foot
 
+from ...parsing import LARGEST, check_range
 from ...returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
 from ...returns.terrain.antenna import GaussianAntenna
 from ...returns.terrain.ground import reflectivity
-from ..receiver_filter import check_count, check_receiver, decimate_window, receiver_taps, window_guard
+from ..receiver_filter import decimate_window, window_guard, window_taps
 from . import NamedEmitter, register
 
 # (from MHz, to MHz, dBW/m^2/MHz), 14 CFR 91.220(b) Table 1.
@@ -42,7 +43,7 @@ TABLE_1 = (
 )
 BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
 MAX_ALTITUDE_FT = 500.0  # end of the range of Table 1
-REFERENCE_TEMPERATURE_K = 290.0  # of noise figures, IEEE Std 145
+REFERENCE_TEMPERATURE_K = 290.0  # reference temperature of noise figures, IEEE Std 145
 
 
 def check_altitude_ft(altitude_ft: float) -> None:
@@ -85,12 +86,7 @@ class ButterworthFilter:
     order: int = 5
 
     def __post_init__(self) -> None:
-        if not (self.center_hz > 0 and self.bandwidth_hz > 0):
-            raise ValueError(
-                f"filter center_hz {self.center_hz!r} and bandwidth_hz {self.bandwidth_hz!r} must be above 0"
-            )
-        if not 1 <= self.order <= 20:
-            raise ValueError(f"filter order is {self.order!r}; it has to be within 1..20")
+        check_range("filter", self, center_hz=(1.0, LARGEST), bandwidth_hz=(1.0, LARGEST), order=(1, 20))
 
     def power_gain(self, frequency_hz: np.ndarray) -> np.ndarray:
         """|H(f)|^2, same shape, 0..1."""
@@ -98,59 +94,18 @@ class ButterworthFilter:
         return 1.0 / (1.0 + offset ** (2 * self.order))
 
 
-@dataclass(frozen=True, kw_only=True)
-class AttenuationTable:
-    """Selectivity from a data sheet: attenuation in dB >= 0 at rising frequencies in Hz, linear in between.
-
-    The first and last attenuation hold beyond the ends.
-    """
-
-    frequencies_hz: tuple[float, ...]
-    attenuations_db: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if len(self.frequencies_hz) != len(self.attenuations_db) or len(self.frequencies_hz) < 2:
-            raise ValueError(
-                f"filter table has {len(self.frequencies_hz)} frequencies and {len(self.attenuations_db)} "
-                "attenuations; give equally many, at least 2"
-            )
-        if np.any(np.diff(self.frequencies_hz) <= 0):
-            raise ValueError(f"filter frequencies_hz {self.frequencies_hz} do not rise; sort them")
-        if min(self.attenuations_db) < 0:
-            raise ValueError(f"filter attenuations_db {self.attenuations_db} hold a gain; give dB >= 0")
-
-    def power_gain(self, frequency_hz: np.ndarray) -> np.ndarray:
-        """|H(f)|^2, same shape, 0..1."""
-        return 10.0 ** (-np.interp(frequency_hz, self.frequencies_hz, self.attenuations_db) / 10.0)
-
-
-@dataclass(frozen=True)
-class BandReport:
-    """One row of the table as received; all powers in dBm."""
-
-    low_hz: float
-    high_hz: float
-    pfd_dbw_per_m2_mhz: float
-    at_antenna_dbm: float
-    after_filter_dbm: float
-
-
 @dataclass(frozen=True)
 class FaaReport:
-    """Received powers under the mask in dBm, ratios in dB; `sir_db` before any compression."""
+    """Received powers under the mask in dBm, behind the filter; ratios in dB, before any compression."""
 
-    altitude_ft: float
-    range_m: float
     in_band_dbm: float
     out_of_band_dbm: float
     total_dbm: float
-    out_of_band_at_antenna_dbm: float
     noise_dbm: float
     return_dbm: float
     i_over_n_db: float
     sir_db: float
     snr_db: float
-    bands: tuple[BandReport, ...]
 
 
 def _db(power: float) -> float:
@@ -169,8 +124,8 @@ class FaaMask(NamedEmitter):
     ----------
     altitude_ft : 0..500, the range for which the table is defined; its levels do not change within it
     antenna_gain_dbi : gain of the altimeter's antennas (transmit = receive), also taken out of band
-    receiver_filter : all selectivity before the interference meets the beat signal, `ButterworthFilter` or
-        `AttenuationTable`; what it lets through from outside 4200-4400 MHz counts as interference
+    receiver_filter : all selectivity before the interference meets the beat signal, `ButterworthFilter`; what it lets
+        through from outside 4200-4400 MHz counts as interference
     center_hz : radar centre frequency, in 4.2e9..4.4e9
     noise_figure_db : 0..30; 8 dB as quoted for the first altimeter of ITU-R M.2059 Table 2
     tx_power_w : transmit power of the return's budget, > 0; 0.4 W of the same altimeter
@@ -179,7 +134,6 @@ class FaaMask(NamedEmitter):
         does; no measured value was found, so it is to be swept
     beamwidth_deg : full beam of one antenna between its -3 dB points, 1..120
     antenna_height_m : antenna above the wheels, > 0: the range at 0 ft
-    receiver_bandwidth_hz : flat bandwidth of `samples`; None is 0.9 of the rate
 
     Raises
     ------
@@ -197,7 +151,7 @@ class FaaMask(NamedEmitter):
 
     altitude_ft: float = 200.0
     antenna_gain_dbi: float = 10.0
-    receiver_filter: ButterworthFilter | AttenuationTable = field(default_factory=ButterworthFilter)
+    receiver_filter: ButterworthFilter = field(default_factory=ButterworthFilter)
     center_hz: float = 4.3e9
     noise_figure_db: float = 8.0
     tx_power_w: float = 0.4
@@ -205,25 +159,21 @@ class FaaMask(NamedEmitter):
     sigma0_db: float = 10.5
     beamwidth_deg: float = 40.0
     antenna_height_m: float = 2.0
-    receiver_bandwidth_hz: float | None = None
 
     def __post_init__(self) -> None:
         check_altitude_ft(self.altitude_ft)
-        limits = {
-            "antenna_gain_dbi": (-20.0, 40.0),
-            "center_hz": BAND_HZ,
-            "noise_figure_db": (0.0, 30.0),
-            "tx_power_w": (1e-6, 1e3),
-            "losses_db": (0.0, 60.0),
-            "sigma0_db": (-60.0, 40.0),
-            "beamwidth_deg": (1.0, 120.0),
-            "antenna_height_m": (0.1, 20.0),
-        }
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(
-                    f"faa_91_220.{name} is {getattr(self, name)!r}; it has to be within {low:g}..{high:g}"
-                )
+        check_range(
+            "faa_91_220",
+            self,
+            antenna_gain_dbi=(-20.0, 40.0),
+            center_hz=BAND_HZ,
+            noise_figure_db=(0.0, 30.0),
+            tx_power_w=(1e-6, 1e3),
+            losses_db=(0.0, 60.0),
+            sigma0_db=(-60.0, 40.0),
+            beamwidth_deg=(1.0, 120.0),
+            antenna_height_m=(0.1, 20.0),
+        )
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""
@@ -246,18 +196,20 @@ class FaaMask(NamedEmitter):
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 Gaussian noise at `rate_hz`, mean power 1, limited to the receiver's band."""
-        count = check_count(count)
-        bandwidth_hz = check_receiver(rate_hz, self.receiver_bandwidth_hz)
-        return band_limited_noise(count, rate_hz, bandwidth_hz, rng)
+        size = count + 2 * window_guard(rate_hz, 1)
+        white = rng.standard_normal(size) + 1j * rng.standard_normal(size)
+        # the mean output power of a filter for white input of unit power is the sum of its squared taps
+        energy = float(np.sum(window_taps(rate_hz, 1) ** 2))
+        return decimate_window(white, rate_hz, 1) / np.sqrt(2.0 * energy)
 
-    def power_densities_w(self, frequency_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Received W/Hz before and after the filter at `frequency_hz` (...)."""
+    def power_density_w_per_hz(self, frequency_hz: np.ndarray) -> np.ndarray:
+        """Received power density behind the filter at `frequency_hz` (...)."""
         unit_db = port_density_dbm_per_mhz(
             0.0, frequency_hz=self.center_hz, gain_dbi=self.antenna_gain_dbi, cable_db=0.5 * self.losses_db
         )
-        level_db = pfd_dbw_per_m2_mhz(frequency_hz, self.altitude_ft) + unit_db - 90.0  # of W/Hz
+        level_db = pfd_dbw_per_m2_mhz(frequency_hz, self.altitude_ft) + unit_db - 90.0  # dB over 1 W/Hz
         density = 10.0 ** (level_db / 10.0) * (self.center_hz / frequency_hz) ** 2
-        return density, density * self.receiver_filter.power_gain(frequency_hz)
+        return density * self.receiver_filter.power_gain(frequency_hz)
 
     def return_power_w(self) -> float:
         """Return of level, diffuse ground in watts: the same budget as `RadarLink`'s over terrain."""
@@ -278,44 +230,34 @@ class FaaMask(NamedEmitter):
         return self.altitude_ft * foot + self.antenna_height_m
 
     def report(self) -> FaaReport:
-        """Received powers by band, in-band and out-of-band totals, I/N and SIR.
+        """Received powers inside and outside 4200-4400 MHz, I/N and SIR.
 
         The filter's noise bandwidth over 4200-4400 MHz sets the thermal noise k T0 B F, so that I/N compares
         like with like.
         """
-        watts = []
+        in_band = out_of_band = 0.0
         for low_mhz, high_mhz, _ in TABLE_1:
             grid_hz, step_hz = _midpoints(low_mhz * 1e6, high_mhz * 1e6)
-            before, after = self.power_densities_w(grid_hz)
-            watts.append((before.sum() * step_hz, after.sum() * step_hz))
-        bands = tuple(
-            BandReport(low * 1e6, high * 1e6, level, _db(before) + 30.0, _db(after) + 30.0)
-            for (low, high, level), (before, after) in zip(TABLE_1, watts, strict=True)
-        )
-        inside = [low * 1e6 >= BAND_HZ[0] and high * 1e6 <= BAND_HZ[1] for low, high, _ in TABLE_1]
-        in_band = sum(after for (_, after), here in zip(watts, inside, strict=True) if here)
-        out_of_band = sum(after for (_, after), here in zip(watts, inside, strict=True) if not here)
-        out_at_antenna = sum(before for (before, _), here in zip(watts, inside, strict=True) if not here)
+            watts = self.power_density_w_per_hz(grid_hz).sum() * step_hz
+            if low_mhz * 1e6 >= BAND_HZ[0] and high_mhz * 1e6 <= BAND_HZ[1]:
+                in_band += watts
+            else:
+                out_of_band += watts
         grid_hz, step_hz = _midpoints(*BAND_HZ)
         noise_bandwidth_hz = float(self.receiver_filter.power_gain(grid_hz).sum() * step_hz)
-        noise = (
-            Boltzmann * REFERENCE_TEMPERATURE_K * noise_bandwidth_hz * 10.0 ** (self.noise_figure_db / 10.0)
-        )
+        noise_factor = 10.0 ** (self.noise_figure_db / 10.0)
+        noise = Boltzmann * REFERENCE_TEMPERATURE_K * noise_bandwidth_hz * noise_factor
         received = self.return_power_w()
         total = in_band + out_of_band
         return FaaReport(
-            altitude_ft=self.altitude_ft,
-            range_m=self.range_m,
             in_band_dbm=_db(in_band) + 30.0,
             out_of_band_dbm=_db(out_of_band) + 30.0,
             total_dbm=_db(total) + 30.0,
-            out_of_band_at_antenna_dbm=_db(out_at_antenna) + 30.0,
             noise_dbm=_db(noise) + 30.0,
             return_dbm=_db(received) + 30.0,
             i_over_n_db=_db(total) - _db(noise),
             sir_db=_db(received) - _db(total),
             snr_db=_db(received) - _db(noise),
-            bands=bands,
         )
 
 
@@ -323,24 +265,3 @@ def _midpoints(low_hz: float, high_hz: float, step_hz: float = 10e3) -> tuple[np
     """Midpoint rule over a band that is a whole number of steps; 10 kHz resolves filters from 0.1 MHz on."""
     count = round((high_hz - low_hz) / step_hz)
     return low_hz + (np.arange(count) + 0.5) * step_hz, step_hz
-
-
-def band_limited_noise(
-    count: int, rate_hz: float, bandwidth_hz: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Complex white Gaussian noise through the receiver's filter: (count,) complex128, mean power 1.
-
-    `bandwidth_hz` is the flat two-sided width, 0 < bandwidth_hz <= 0.98 rate_hz.
-    """
-    guard = window_guard(rate_hz, 1, bandwidth_hz)
-    size = count + 2 * guard
-    white = rng.standard_normal(size) + 1j * rng.standard_normal(size)
-    # Noise bandwidth of the filter over the rate is the sum of its squared taps: no need to measure it.
-    return decimate_window(white, rate_hz, 1, bandwidth_hz) / np.sqrt(
-        2.0 * filter_energy(rate_hz, bandwidth_hz)
-    )
-
-
-def filter_energy(rate_hz: float, bandwidth_hz: float) -> float:
-    """Sum of the squared taps of the receiver's filter: its mean output power for white input of unit power."""
-    return float(np.sum(receiver_taps(rate_hz, rate_hz / 2, bandwidth_hz) ** 2))

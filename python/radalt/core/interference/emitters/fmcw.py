@@ -12,11 +12,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...parsing import check_range
 from ...waveform import exp_cycles
 from ..receiver_filter import (
-    check_count,
+    PASSBAND_FRACTION,
     check_positive,
-    check_receiver,
     decimate_window,
     oversampling,
     window_guard,
@@ -40,7 +40,6 @@ class FmcwEmitter(NamedEmitter):
     sweep_bandwidth_hz : B > 0; 150 MHz is the first altimeter of ITU-R M.2059 Table 2
     sweep_period_s : time of up and down sweep together, > 0
     up_fraction : part of the period spent on the up sweep, 0..1; 0.5 is a triangle, 1 and 0 are sawtooths
-    receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
     always_in_window : draw the timing such that the sweep crosses the band inside the window; False draws it
         uniformly, and many short windows are then empty
 
@@ -62,15 +61,11 @@ class FmcwEmitter(NamedEmitter):
     sweep_bandwidth_hz: float = 150e6
     sweep_period_s: float = 1.0 / 143.0
     up_fraction: float = 0.5
-    receiver_bandwidth_hz: float | None = None
     always_in_window: bool = True
 
     def __post_init__(self) -> None:
         check_positive("fmcw", sweep_bandwidth_hz=self.sweep_bandwidth_hz, sweep_period_s=self.sweep_period_s)
-        if not 0.0 <= self.up_fraction <= 1.0:
-            raise ValueError(
-                f"fmcw.up_fraction is {self.up_fraction!r}; it has to be within 0..1 (0.5: triangle)"
-            )
+        check_range("fmcw", self, up_fraction=(0.0, 1.0))
         if not np.isfinite(self.carrier_hz):
             raise ValueError(f"fmcw.carrier_hz is {self.carrier_hz!r}; it has to be finite")
 
@@ -101,7 +96,7 @@ class FmcwEmitter(NamedEmitter):
         return max(0.0, high_hz - low_hz) / self.sweep_bandwidth_hz
 
     def _crossing(self, rate_hz: float) -> tuple[float, float]:
-        edge_hz = (check_receiver(rate_hz, self.receiver_bandwidth_hz) + rate_hz) / 4
+        edge_hz = (PASSBAND_FRACTION * rate_hz + rate_hz) / 4
         half = self.sweep_bandwidth_hz / 2
         return max(-edge_hz, self.carrier_hz - half), min(edge_hz, self.carrier_hz + half)
 
@@ -121,8 +116,6 @@ class FmcwEmitter(NamedEmitter):
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window with random timing and phase: (count,) complex128, long-run mean power near 1."""
-        count = check_count(count)
-        bandwidth_hz = check_receiver(rate_hz, self.receiver_bandwidth_hz)
         fraction = self.in_band_fraction(rate_hz)
         if fraction == 0.0:
             raise ValueError(
@@ -130,9 +123,9 @@ class FmcwEmitter(NamedEmitter):
                 f"receiver's +-{rate_hz / 2:g} Hz; move it closer or widen the sweep"
             )
         factor = oversampling(rate_hz, abs(self.carrier_hz) + self.sweep_bandwidth_hz / 2)
-        guard = window_guard(rate_hz, factor, bandwidth_hz)
+        guard = window_guard(rate_hz, factor)
         start_s = self._start_s(count, rate_hz, rng)
         index = np.arange(-guard * factor, (count + guard) * factor)
         phase = self.phase_cycles(start_s + index / (factor * rate_hz)) + rng.random()
         wide = exp_cycles(phase, np.complex128)
-        return decimate_window(wide, rate_hz, factor, bandwidth_hz) / np.sqrt(fraction)
+        return decimate_window(wide, rate_hz, factor) / np.sqrt(fraction)

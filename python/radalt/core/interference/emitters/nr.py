@@ -13,18 +13,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..evm import evm_title
-from ..nr_grid import (
-    RESOURCE_BLOCKS,
-    SUBCARRIER_SPACING_HZ,
-    SYMBOLS_PER_SLOT,
-    Element,
-    NrConfig,
-    ResourceGrid,
-    resource_grid,
-    ssb_block,
-    transmitted,
-)
-from ..receiver_filter import check_count, check_receiver, random_window, resample_periodic
+from ..nr_config import RESOURCE_BLOCKS, SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
+from ..nr_grid import Element, ResourceGrid, resource_grid, ssb_block, transmitted
+from ..receiver_filter import random_window, resample_periodic
 from . import NamedEmitter, register
 
 if TYPE_CHECKING:
@@ -67,16 +58,9 @@ def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACIN
     return lengths
 
 
-def symbol_starts(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
-    """Start in samples of the useful part (after the prefix) of a subframe's symbols: (14,), or (28,) of 30 kHz."""
-    prefix = np.tile(cyclic_prefix_lengths(fft_length, spacing_hz), 2)
-    return np.cumsum(prefix + fft_length) - fft_length
-
-
 def ofdm_modulate(
     values: np.ndarray,
     fft_length: int,
-    upconversion_frequency_hz: float = 0.0,
     spacing_hz: float = SUBCARRIER_SPACING_HZ,
 ) -> np.ndarray:
     """CP-OFDM, TS 38.211 clause 5.3.1: s(t) = sum_k a_k exp(j 2 pi (k - N_sc/2) df (t - N_CP T_c - t_start)).
@@ -85,7 +69,6 @@ def ofdm_modulate(
     ----------
     values : complex (subcarriers, symbols), whole slots, first column at the start of a subframe
     fft_length : samples of a symbol's useful part, >= subcarriers, a multiple of 128; rate / spacing
-    upconversion_frequency_hz : f_0 of clause 5.4, whose phase is reset at every symbol; 0 leaves it out
     spacing_hz : 15e3 or 30e3
 
     Returns
@@ -108,10 +91,6 @@ def ofdm_modulate(
     half = subcarriers // 2
     spectrum[:, : subcarriers - half] = values[half:].T
     spectrum[:, fft_length - half :] = values[:half].T
-    if upconversion_frequency_hz:
-        seconds = symbol_starts(fft_length, spacing_hz) / (fft_length * spacing_hz)
-        cycles = np.mod(upconversion_frequency_hz * seconds, 1.0)
-        spectrum *= np.resize(np.exp(-2j * np.pi * cycles), symbols)[:, None]
     useful = np.fft.ifft(spectrum, axis=1) * fft_length
     # One gather adds the prefixes of the symbols of each half subframe: sample n of symbol l is
     # useful sample (n - N_CP,l) mod N.
@@ -130,14 +109,12 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
     """
     rng = np.random.default_rng(config.seed)
     length = config.fft_length if fft_length is None else fft_length
-    errors = np.random.default_rng(
-        [config.seed, 0xE7]
-    )  # a separate generator for errors: the payload equals the ideal carrier's
+    # a generator of its own, so that the payload equals the ideal carrier's
+    errors = np.random.default_rng([config.seed, 0xE7])
     frames = [
         ofdm_modulate(
             transmitted(resource_grid(config, rng), errors),
             length,
-            config.upconversion_frequency_hz,
             config.subcarrier_spacing_hz,
         )
         for _ in range(config.frame_count)
@@ -148,12 +125,11 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class NrEmitter(NamedEmitter, NrConfig):
-    """An NR downlink carrier as the radar's receiver sees it: emitter protocol.
+    """An NR downlink carrier behind the radar's receiver filter: emitter protocol.
 
     Parameters
     ----------
     carrier_hz : offset of the NR carrier's centre from the radar's centre frequency
-    receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
     (all of `NrConfig`)
 
     `samples` cuts random windows (uniform start, uniform carrier phase) from a cached signal of
@@ -168,7 +144,6 @@ class NrEmitter(NamedEmitter, NrConfig):
     scene_name: ClassVar[str] = "nr"
 
     carrier_hz: float = 0.0
-    receiver_bandwidth_hz: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -197,7 +172,6 @@ class NrEmitter(NamedEmitter, NrConfig):
         Raises ValueError if the carrier lies outside the receiver's band or the rate is no small ratio of the
         native rate and a multiple of 100 Hz.
         """
-        count = check_count(count)
         signal, residual_hz = self.period(rate_hz)
         return random_window(signal, residual_hz / rate_hz, count, rng)
 
@@ -210,10 +184,6 @@ class NrEmitter(NamedEmitter, NrConfig):
         """
         return _received(self, float(rate_hz), amplifier)
 
-    def received_fraction(self, rate_hz: float) -> float:
-        """Part of the carrier's power that passes the receiver's filter at `rate_hz`, 0..1."""
-        return float(_receive(self, float(rate_hz))[1])
-
 
 def _internal_fft_length(emitter: NrEmitter, rate_hz: float) -> int:
     """FFT length at which aliases of the shifted carrier stay outside the receiver's band."""
@@ -224,11 +194,9 @@ def _internal_fft_length(emitter: NrEmitter, rate_hz: float) -> int:
     return length
 
 
-def _receive(
-    emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None = None
-) -> tuple[np.ndarray, float, float]:
-    """(received signal, power fraction, remaining offset in Hz) before normalisation."""
-    bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
+@lru_cache(maxsize=8)  # a period of a second is 120 MB
+def _received(emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None) -> tuple[np.ndarray, float]:
+    """See `NrEmitter.period`."""
     reach_hz = rate_hz / 2 + emitter.occupied_bandwidth_hz / 2
     if abs(emitter.carrier_hz) >= reach_hz:
         raise ValueError(
@@ -249,16 +217,7 @@ def _receive(
     frame_length = sent.size // emitter.frame_count
     ramp = np.exp(2j * np.pi * (steps * np.arange(frame_length) % frame_length) / frame_length)
     shifted = (sent.reshape(-1, frame_length) * ramp).ravel()
-    received = resample_periodic(shifted, length * emitter.subcarrier_spacing_hz, rate_hz, bandwidth_hz)
-    fraction = np.vdot(received, received).real / received.size * sent.size / sent_energy
-    return received, fraction, emitter.carrier_hz - steps / FRAME_SECONDS
-
-
-@lru_cache(maxsize=8)  # a period of a second is 120 MB
-def _received(
-    emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None = None
-) -> tuple[np.ndarray, float]:
-    signal, _, residual_hz = _receive(emitter, rate_hz, amplifier)
-    signal = signal / np.sqrt(np.vdot(signal, signal).real / signal.size)
-    signal.setflags(write=False)
-    return signal, residual_hz
+    received = resample_periodic(shifted, length * emitter.subcarrier_spacing_hz, rate_hz)
+    received = received / np.sqrt(np.vdot(received, received).real / received.size)
+    received.setflags(write=False)
+    return received, emitter.carrier_hz - steps / FRAME_SECONDS

@@ -14,14 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...waveform import exp_cycles
-from ..receiver_filter import (
-    check_count,
-    check_positive,
-    check_receiver,
-    decimate_window,
-    oversampling,
-    window_guard,
-)
+from ..receiver_filter import check_positive, decimate_window, oversampling, window_guard
 from . import NamedEmitter, register
 
 __all__ = ["PulsedRadarEmitter"]
@@ -39,7 +32,6 @@ class PulsedRadarEmitter(NamedEmitter):
     pulse_width_s : between the half-amplitude points, > rise_time_s and below 1/prf_hz - rise_time_s
     chirp_bandwidth_hz : linear FM swept within each pulse, upwards if > 0, downwards if < 0, 0 for none
     rise_time_s : duration of each raised-cosine edge, > 0
-    receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
     always_in_window : draw the timing such that a pulse lies inside the window; False draws it uniformly, and many
         short windows are then empty
 
@@ -56,7 +48,6 @@ class PulsedRadarEmitter(NamedEmitter):
     pulse_width_s: float = 2e-6
     chirp_bandwidth_hz: float = 0.0
     rise_time_s: float = 50e-9
-    receiver_bandwidth_hz: float | None = None
     always_in_window: bool = True
 
     def __post_init__(self) -> None:
@@ -91,16 +82,14 @@ class PulsedRadarEmitter(NamedEmitter):
         return oversampling(rate_hz, highest_hz)
 
     def _received(self, start_s: float, count: int, rate_hz: float) -> np.ndarray:
-        bandwidth_hz = check_receiver(rate_hz, self.receiver_bandwidth_hz)
         factor = self._factor(rate_hz)
-        guard = window_guard(rate_hz, factor, bandwidth_hz)
+        guard = window_guard(rate_hz, factor)
         index = np.arange(-guard * factor, (count + guard) * factor)
         wide = self.waveform(start_s + index / (factor * rate_hz))
-        return decimate_window(wide, rate_hz, factor, bandwidth_hz)
+        return decimate_window(wide, rate_hz, factor)
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window with random timing and phase: (count,) complex128, long-run mean power near 1."""
-        count = check_count(count)
         position, within, phase = rng.random(3)
         if self.always_in_window:
             start_s = (within - 0.5) * self.pulse_width_s - position * count / rate_hz

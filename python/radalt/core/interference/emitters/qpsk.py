@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...parsing import check_range
 from ...waveform import exp_cycles
 from ..evm import check_evm, error_vectors, evm_fraction, evm_title
 from . import NamedEmitter, register
@@ -30,11 +31,8 @@ def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
     else:
         den = np.pi * t * (1 - (4 * b * t) ** 2)
         num = np.sin(np.pi * t * (1 - b)) + 4 * b * t * np.cos(np.pi * t * (1 + b))
-        edge = (
-            b
-            / np.sqrt(2)
-            * ((1 + 2 / np.pi) * np.sin(np.pi / 4 / b) + (1 - 2 / np.pi) * np.cos(np.pi / 4 / b))
-        )
+        sine, cosine = np.sin(np.pi / 4 / b), np.cos(np.pi / 4 / b)
+        edge = b / np.sqrt(2) * ((1 + 2 / np.pi) * sine + (1 - 2 / np.pi) * cosine)
         singular = np.isclose(den, 0.0)
         taps = np.where(singular, edge, num / np.where(singular, 1.0, den))
         taps[np.isclose(t, 0.0)] = 1 - b + 4 * b / np.pi
@@ -82,8 +80,7 @@ class QpskEmitter(NamedEmitter):
             raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be at least 1 Hz")
         if self.pulse not in ("rectangular", "rrc"):
             raise ValueError(f"qpsk.pulse is {self.pulse!r}; allowed: rectangular, rrc")
-        if not 0 <= self.rolloff <= 1:
-            raise ValueError(f"qpsk.rolloff is {self.rolloff!r}; it has to be within 0..1")
+        check_range("qpsk", self, rolloff=(0.0, 1.0))
 
     @property
     def label(self) -> str:
@@ -118,20 +115,20 @@ class QpskEmitter(NamedEmitter):
         self.check_rate(rate_hz)
         rate = self.symbol_rate_hz / rate_hz
         offset, phase = rng.random(2)
-        turn = np.exp(2j * np.pi * phase)
+        rotation = np.exp(2j * np.pi * phase)
         if self.pulse == "rectangular":
             drawn, index = self._held(count, rate, offset, rng)
             symbols = _CONSTELLATION[drawn]
             if self.evm:
                 symbols += error_vectors(symbols.size, self.evm_fraction, rng)
             if not self.carrier_hz:  # the carrier phase is applied to symbols, which are fewer than samples
-                return np.take(symbols * turn, index)
+                return np.take(symbols * rotation, index)
             baseband = symbols[index]
         else:
             baseband = self._shaped(count, rate, offset, rng)
         if self.carrier_hz:
             return baseband * exp_cycles(_ramp(count, self.carrier_hz / rate_hz) + phase, np.complex128)
-        return baseband * turn
+        return baseband * rotation
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Write samples of power ``mean_power`` into ``span``, complex64 or complex128, faster than by `samples`.

@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...parsing import check_range
 from ...waveform import exp_cycles
-from ..receiver_filter import check_count, check_receiver, decimate_window, window_guard
+from ..receiver_filter import decimate_window, window_guard
 from . import register
 from .qpsk import QpskEmitter, qpsk_symbols, rrc_taps
 
@@ -35,20 +36,16 @@ class QpskReceivedEmitter(QpskEmitter):
         As in `QpskEmitter`. ``carrier_hz`` includes the carrier frequency offset of the oscillators.
     clock_ppm : float
         Symbol clock offset against the radar, -1000..1000; positive where the emitter's clock is faster.
-    receiver_bandwidth_hz : float or None
-        Flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate.
     """
 
     scene_name: ClassVar[str] = "qpsk_received"
 
     carrier_hz: float = 1_200.0
     clock_ppm: float = 2.0
-    receiver_bandwidth_hz: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not -1000 <= self.clock_ppm <= 1000:
-            raise ValueError(f"qpsk.clock_ppm is {self.clock_ppm!r}; it has to be within -1000..1000")
+        check_range("qpsk", self, clock_ppm=(-1000.0, 1000.0))
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""
@@ -57,10 +54,8 @@ class QpskReceivedEmitter(QpskEmitter):
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`; mean power is 1 in the long run before the filter."""
         self.check_rate(rate_hz)
-        count = check_count(count)
-        bandwidth_hz = check_receiver(rate_hz, self.receiver_bandwidth_hz)
         factor = _OVERSAMPLING[self.pulse]
-        longer = factor * (count + 2 * window_guard(rate_hz, factor, bandwidth_hz))
+        longer = factor * (count + 2 * window_guard(rate_hz, factor))
         symbols_per_sample = self.symbol_rate_hz * (1 + 1e-6 * self.clock_ppm) / (rate_hz * factor)
         timing, phase = rng.random(2)
         times = timing + symbols_per_sample * np.arange(longer + 1)
@@ -69,7 +64,7 @@ class QpskReceivedEmitter(QpskEmitter):
         else:
             fine = _shaped(times[:-1], self.rolloff, self.evm_fraction, rng)
         cycles = phase + self.carrier_hz / (rate_hz * factor) * np.arange(longer)
-        return decimate_window(fine * exp_cycles(cycles, np.complex128), rate_hz, factor, bandwidth_hz)
+        return decimate_window(fine * exp_cycles(cycles, np.complex128), rate_hz, factor)
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Always False: there is no faster way than `samples`."""

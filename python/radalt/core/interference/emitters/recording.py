@@ -10,10 +10,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import InputError, check_file, shown
+from ...parsing import LARGEST, InputError, check_file, check_range, shown
 from ...sigmf_file import SigmfFile, open_raw, open_sigmf
 from ..own_noise import MOST_DB, prefix_snr_db
-from ..receiver_filter import around, check_count, check_receiver, rate_ratio, resample_periodic
+from ..receiver_filter import around, rate_ratio, resample_periodic
 from . import NamedEmitter, register
 
 __all__ = ["RecordingEmitter"]
@@ -21,10 +21,10 @@ __all__ = ["RecordingEmitter"]
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
+_RATES_HZ = (1e3, 1e9)  # sample rates that are read, Hz
 _REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
-_FOLDED = (
-    1e-7  # smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB)
-)
+# Smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB).
+_FOLDED = 1e-7
 
 
 @register
@@ -45,8 +45,6 @@ class RecordingEmitter(NamedEmitter):
         Sample rate of raw samples; a SigMF file states its rate.
     datatype : str
         Format of raw samples as in SigMF: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``.
-    receiver_bandwidth_hz : float or None
-        Flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate.
 
     Raises
     ------
@@ -68,23 +66,17 @@ class RecordingEmitter(NamedEmitter):
     seconds: float = 0.1
     rate_hz: float | None = None
     datatype: str = ""
-    receiver_bandwidth_hz: float | None = None
 
     def __post_init__(self) -> None:
         if not self.file:
             raise ValueError("recording.file is missing; name a .sigmf-meta file, or raw samples")
         if not np.isfinite(self.offset_hz):
             raise ValueError(f"recording.offset_hz is {self.offset_hz!r}; it has to be finite")
-        if not 0 <= self.start_s < np.inf:
-            raise ValueError(f"recording.start_s is {self.start_s!r}; it has to be finite and 0 or more")
-        if not 1e-4 <= self.seconds <= _MOST_S:
-            raise ValueError(f"recording.seconds is {self.seconds!r}; it has to be within 1e-4..{_MOST_S:g}")
+        check_range("recording", self, start_s=(0.0, LARGEST), seconds=(1e-4, _MOST_S), rate_hz=_RATES_HZ)
         if (self.rate_hz is None) != (not self.datatype):
             raise ValueError(
                 "recording.rate_hz and recording.datatype belong together; give both for raw samples"
             )
-        if self.rate_hz is not None and not 1e3 <= self.rate_hz <= 1e9:
-            raise ValueError(f"recording.rate_hz is {self.rate_hz!r}; it has to be within 1e3..1e9")
 
     @property
     def label(self) -> str:
@@ -125,15 +117,14 @@ class RecordingEmitter(NamedEmitter):
 
     def load(self, rate_hz: float) -> np.ndarray:
         """The part in use behind the receiver's filter, at ``rate_hz``: (n,) complex128, mean power 1, read-only."""
-        return _heard(self, float(rate_hz))
+        return _received(self, float(rate_hz))
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window: (count,) complex128 at ``rate_hz``, random start and phase."""
-        count = check_count(count)
-        heard = self.load(rate_hz)
-        start = rng.integers(0, heard.size)
-        turn = np.exp(2j * np.pi * rng.random())
-        return turn * around(heard, start, count)
+        received = self.load(rate_hz)
+        start = rng.integers(0, received.size)
+        phasor = np.exp(2j * np.pi * rng.random())
+        return phasor * around(received, start, count)
 
 
 def _open(emitter: RecordingEmitter) -> SigmfFile:
@@ -148,7 +139,7 @@ def _open(emitter: RecordingEmitter) -> SigmfFile:
 
 def _source_hz(emitter: RecordingEmitter, source_hz: float) -> float:
     """The file's sample rate; raises ValueError."""
-    if not 1e3 <= source_hz <= 1e9:
+    if not _RATES_HZ[0] <= source_hz <= _RATES_HZ[1]:
         raise ValueError(
             f"recording.file {emitter.file} has core:sample_rate {shown(source_hz)}; 1e3..1e9 is read"
         )
@@ -156,9 +147,8 @@ def _source_hz(emitter: RecordingEmitter, source_hz: float) -> float:
 
 
 @lru_cache(maxsize=4)
-def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
+def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
     """The part of the file in use, filtered, shifted and at the radar's rate, mean power 1; read-only."""
-    bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
     recording = _open(emitter)
     source_hz = _source_hz(emitter, recording.rate_hz)
     ratio = rate_ratio(rate_hz, source_hz)
@@ -189,13 +179,13 @@ def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
         samples = samples * np.exp(
             2j * np.pi * (np.arange(samples.size) * cycles % samples.size) / samples.size
         )
-    heard = resample_periodic(samples, up * source_hz, rate_hz, bandwidth_hz)
-    power = np.vdot(heard, heard).real / heard.size
+    received = resample_periodic(samples, up * source_hz, rate_hz)
+    power = np.vdot(received, received).real / received.size
     if not power > _FOLDED * np.vdot(samples, samples).real / samples.size:
         raise ValueError(
             f"recording.offset_hz {emitter.offset_hz:g} leaves nothing of {emitter.file} in the radar's band; "
             f"keep it within {rate_hz / 2:g} of what was recorded"
         )
-    heard = heard / np.sqrt(power)
-    heard.setflags(write=False)
-    return heard
+    received = received / np.sqrt(power)
+    received.setflags(write=False)
+    return received

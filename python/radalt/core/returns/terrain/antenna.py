@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...parsing import InputError, read_text
+from ...parsing import InputError, check_range, read_text
 
 __all__ = ["Antenna", "GaussianAntenna", "TabulatedAntenna"]
 
@@ -36,7 +36,7 @@ class GaussianAntenna:
     Parameters
     ----------
     beamwidth_deg : float
-        Full width between the -3 dB points, 0 < width <= 120. Rec. ITU-R M.2059 gives 40..60 degrees.
+        Full width between the -3 dB points, 0.01..120. Rec. ITU-R M.2059 gives 40..60 degrees.
     gain_dbi : float
         Peak one-way gain.
     two_way : bool
@@ -49,12 +49,7 @@ class GaussianAntenna:
     two_way: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.beamwidth_deg <= 120:
-            raise ValueError(
-                f"antenna.beamwidth_deg is {self.beamwidth_deg!r}; it has to be within 0..120 deg"
-            )
-        if not -20 <= self.gain_dbi <= 40:
-            raise ValueError(f"antenna.gain_dbi is {self.gain_dbi!r}; it has to be within -20..40 dBi")
+        check_range("antenna", self, beamwidth_deg=(0.01, 120.0), gain_dbi=(-20.0, 40.0))
 
     @property
     def one_way_beamwidth_rad(self) -> float:

@@ -13,15 +13,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import TerrainError
+from ...parsing import check_range
 from .geodesy import SEMI_MAJOR_M, curvature_radii_m, enu_axes, geodetic_to_ecef
-from .terrain import TerrainModel
+from .terrain import TerrainError, TerrainModel
 from .trajectory import AircraftState
 
 __all__ = ["Facets", "GroundGrid", "MIN_HEIGHT_M"]
 
+# Least simulated height of the antenna above ground, metres: below it lies the antenna's near field.
 MIN_HEIGHT_M = 0.5
-"""Least simulated height of the antenna above ground, metres: below it lies the antenna's near field."""
+_SQUARE_AT_DEG = (
+    42.0  # latitude at which cells are square, that of the shipped landing; to 2 % within a degree of it
+)
 
 
 @dataclass(frozen=True)
@@ -67,21 +70,13 @@ class GroundGrid:
         Cell size is the power of two (metres) that puts between this many and twice as many cells into the
         radius of the footprint. The size steps with height, and with it the speckle is drawn anew at each
         octave.
-    reference_latitude_deg : float
-        Latitude at which cells are square; within a degree of it they stay square to 2 %.
     """
 
     seed: int = 1
     cells_per_radius: int = 16
-    reference_latitude_deg: float = 42.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.seed < 2**63:
-            raise ValueError(f"ground.seed is {self.seed}; it has to be within 0..2^63-1")
-        if not 4 <= self.cells_per_radius <= 256:
-            raise ValueError(
-                f"ground.cells_per_radius is {self.cells_per_radius}; it has to be within 4..256"
-            )
+        check_range("ground", self, seed=(0, 2**63 - 1), cells_per_radius=(4, 256))
 
     def cell_m(self, radius_m: float) -> float:
         """Cell size in metres used for a footprint of a radius."""
@@ -144,7 +139,7 @@ class GroundGrid:
     def _scatterers(self, state: AircraftState, cell_m: float, radius_m: float) -> tuple[np.ndarray, ...]:
         """Latitude, longitude (degrees), horizontal area and amplitude of the scatterers within a radius."""
         north_deg = np.degrees(cell_m / SEMI_MAJOR_M)
-        east_deg = north_deg / np.cos(np.radians(self.reference_latitude_deg))
+        east_deg = north_deg / np.cos(np.radians(_SQUARE_AT_DEG))
         meridian, prime = curvature_radii_m(state.latitude_deg)
         size_n = np.radians(north_deg) * meridian
         size_e = np.radians(east_deg) * prime * np.cos(np.radians(state.latitude_deg))

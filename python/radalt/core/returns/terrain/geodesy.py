@@ -1,9 +1,7 @@
 """WGS84 geodesy in closed form: geodetic, earth-centred (ECEF) and local east-north-up (ENU) coordinates.
 
 Formulae: NIMA TR8350.2, 3rd ed. (2000), chapter 3 (constants) and B. Hofmann-Wellenhof et al., *GNSS* (2008),
-section 8.2; the inverse is H. Vermeille, "Direct transformation from geocentric to geodetic coordinates",
-J. Geodesy 76 (2002) 451-454, exact and without iteration above some 43 km from the earth's centre.
-Angles are in degrees at every interface, lengths in metres, all arrays float64.
+section 8.2. Angles are in degrees at every interface, lengths in metres, all arrays float64.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ __all__ = [
     "ECCENTRICITY_SQUARED",
     "SEMI_MAJOR_M",
     "curvature_radii_m",
-    "ecef_to_geodetic",
     "enu_axes",
     "geodetic_to_ecef",
 ]
@@ -45,31 +42,6 @@ def geodetic_to_ecef(
     vertical = (prime * (1.0 - ECCENTRICITY_SQUARED) + height_m) * sin_lat
     x, y, z = np.broadcast_arrays(horizontal * np.cos(lon), horizontal * np.sin(lon), vertical)
     return np.stack([x, y, z], axis=-1)
-
-
-def ecef_to_geodetic(position_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Geodetic latitude, longitude (degrees) and ellipsoidal height (metres) of (..., 3) ECEF positions.
-
-    Vermeille (2002), equations 1-21; the denominators vanish only near the earth's centre and on the polar
-    axis the longitude is 0.
-    """
-    x, y, z = np.moveaxis(np.asarray(position_m, dtype=float), -1, 0)
-    e2, e4 = ECCENTRICITY_SQUARED, ECCENTRICITY_SQUARED**2
-    rho2 = x * x + y * y
-    p = rho2 / SEMI_MAJOR_M**2
-    q = (1.0 - e2) / SEMI_MAJOR_M**2 * z * z
-    r = (p + q - e4) / 6.0
-    s = e4 * p * q / (4.0 * r**3)
-    t = np.cbrt(1.0 + s + np.sqrt(s * (2.0 + s)))
-    u = r * (1.0 + t + 1.0 / t)
-    v = np.sqrt(u * u + e4 * q)
-    w = e2 * (u + v - q) / (2.0 * v)
-    k = np.sqrt(u + v + w * w) - w
-    d = k * np.sqrt(rho2) / (k + e2)
-    norm = np.hypot(d, z)
-    height = (k + e2 - 1.0) / k * norm
-    latitude = np.degrees(2.0 * np.arctan2(z, d + norm))
-    return latitude, np.degrees(np.arctan2(y, x)), height
 
 
 def enu_axes(latitude_deg: float, longitude_deg: float) -> np.ndarray:

@@ -2,58 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.constants import Boltzmann, speed_of_light
+from scipy.constants import speed_of_light
 
 from ...waveform import Waveform
+from ..link import RadarLink
 from .antenna import Antenna, GaussianAntenna
 from .facets import Facets, GroundGrid
 from .ground import Reflectivity, reflectivity
-from .synthesis import synthesise, synthesise_directly
+from .synthesis import synthesise
 from .terrain import TerrainModel
 from .trajectory import AircraftState
 
-__all__ = ["GroundReturn", "RadarLink", "TerrainReturn", "ground_return", "ground_returns"]
+__all__ = ["GroundReturn", "TerrainReturn"]
 
-
-@dataclass(frozen=True)
-class RadarLink:
-    """Transmitter, losses and receiver.
-
-    Defaults: the first altimeter of Rec. ITU-R M.2059-0 Table 2 as quoted by MathWorks' *FMCW Radar Altimeter
-    Simulation* (0.4 W, noise figure 8 dB, 40 degree beam); the losses are an assumption (3 dB of cable each
-    way).
-
-    Parameters
-    ----------
-    transmit_w : float
-        Transmit power, > 0.
-    losses_db : float
-        All losses between transmitter and receiver input other than spreading, 0..60.
-    noise_figure_db : float
-        Receiver noise figure, 0..40, at 290 K.
-    """
-
-    transmit_w: float = 0.4
-    losses_db: float = 6.0
-    noise_figure_db: float = 8.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.transmit_w < 1e4:
-            raise ValueError(f"link.transmit_w is {self.transmit_w!r}; it has to be within 0..1e4 W")
-        if not 0 <= self.losses_db <= 60:
-            raise ValueError(f"link.losses_db is {self.losses_db!r}; it has to be within 0..60 dB")
-        if not 0 <= self.noise_figure_db <= 40:
-            raise ValueError(
-                f"link.noise_figure_db is {self.noise_figure_db!r}; it has to be within 0..40 dB"
-            )
-
-    def noise_w(self, bandwidth_hz: float) -> float:
-        """Thermal noise ``k T F B`` in watts."""
-        return Boltzmann * 290.0 * bandwidth_hz * 10.0 ** (self.noise_figure_db / 10.0)
+_MAX_OFF_NADIR_DEG = (
+    60.0  # largest angle off nadir at which facets are sampled: ground there is twice as far away
+)
 
 
 @dataclass(frozen=True)
@@ -112,8 +79,6 @@ class TerrainReturn:
         Earth-fixed scatterers and their seed.
     footprint_db : float
         Facets are sampled out to the angle at which the two-way gain is this far below its peak.
-    max_off_nadir_deg : float
-        Largest angle off nadir at which facets are sampled.
     tilt_deg : float
         Boresight tilt towards the nose, to level an antenna on a nose-up aircraft.
 
@@ -133,7 +98,6 @@ class TerrainReturn:
     link: RadarLink = field(default_factory=RadarLink)
     grid: GroundGrid = field(default_factory=GroundGrid)
     footprint_db: float = 30.0
-    max_off_nadir_deg: float = 60.0
     tilt_deg: float = 0.0
 
     def facets(self, state: AircraftState) -> tuple[Facets, np.ndarray]:
@@ -143,7 +107,7 @@ class TerrainReturn:
         """
         nose, wing, belly = _tilted(state.body_axes(), self.tilt_deg)
         lean = np.arccos(np.clip(-belly[2], -1.0, 1.0))
-        limit = np.radians(self.max_off_nadir_deg)
+        limit = np.radians(_MAX_OFF_NADIR_DEG)
         beam = min(self.antenna.footprint_rad(self.footprint_db), limit)
         facets = self.grid.facets(state, self.terrain, min(beam + lean, limit), beam)
         off = np.arccos(np.clip(facets.direction @ belly, -1.0, 1.0))
@@ -156,7 +120,7 @@ class TerrainReturn:
         sigma = self.ground.sigma0(facets.incidence_rad, self.waveform.carrier_hz) * facets.area_m2
         return facets, constant * gain**2 * sigma / facets.range_m**4
 
-    def __call__(self, state: AircraftState, *, frame_index: int = 0, direct: bool = False) -> GroundReturn:
+    def __call__(self, state: AircraftState, *, frame_index: int = 0) -> GroundReturn:
         """Frame whose middle falls on the state's instant.
 
         Parameters
@@ -165,8 +129,6 @@ class TerrainReturn:
             Position, velocity, attitude.
         frame_index : int
             Sweep number, see `synthesise`.
-        direct : bool
-            Add every sweep at every sample instead of the shortcut (some 300 times slower).
 
         Raises
         ------
@@ -174,9 +136,8 @@ class TerrainReturn:
             If the aircraft is below ground, or terrain under the footprint is missing or void.
         """
         facets, power = self.facets(state)
-        summed = synthesise_directly if direct else synthesise
         seen = power > 1e-7 * power.max()
-        frame = summed(
+        frame = synthesise(
             self.waveform,
             (np.sqrt(power) * facets.reflectivity)[seen],
             facets.range_m[seen],
@@ -201,24 +162,3 @@ def _tilted(axes: np.ndarray, tilt_deg: float) -> np.ndarray:
     nose, wing, belly = axes
     c, s = np.cos(np.radians(tilt_deg)), np.sin(np.radians(tilt_deg))
     return np.stack([c * nose - s * belly, wing, c * belly + s * nose])
-
-
-def ground_return(
-    state: AircraftState,
-    terrain: TerrainModel,
-    antenna: Antenna,
-    ground: Reflectivity,
-    waveform: Waveform,
-    **options,
-) -> GroundReturn:
-    """One frame; ``options`` are the further fields of `TerrainReturn`."""
-    return TerrainReturn(terrain, waveform, antenna, ground, **options)(state)
-
-
-def ground_returns(scene: TerrainReturn, states: Iterable[AircraftState]) -> Iterator[GroundReturn]:
-    """Frames along a trajectory, one at a time so that a long approach needs no memory.
-
-    Frames that follow each other by ``sweep_s`` are coherent: their phases come from the geometry alone.
-    """
-    for index, state in enumerate(states):
-        yield scene(state, frame_index=index)

@@ -1,10 +1,9 @@
-"""From scatterers to a complex frame: the sum of delayed, Doppler-shifted sweeps, by a shortcut and directly.
+"""From scatterers to a complex frame: the sum of delayed, Doppler-shifted sweeps.
 
 Relative to the reference, each scatterer is a tone in either half sweep, except during the first ``tau``
 seconds of a half, when its echo belongs to the half before. All tones of an extended ground lie within
 a few tens of kilohertz, so their sum is summed at a few dozen instants and interpolated, and the two short
-transitions are summed over range bins. `synthesise` does that; `synthesise_directly` adds every sweep at
-every sample, and the tests hold one against the other.
+transitions are summed over range bins. The tests hold it against the sum of every sweep at every sample.
 """
 
 from __future__ import annotations
@@ -14,42 +13,13 @@ from functools import lru_cache
 import numpy as np
 
 from ...waveform import C_M_PER_S, Waveform, exp_cycles
-from ..point import point_return
 
-__all__ = ["synthesise", "synthesise_directly"]
+__all__ = ["synthesise"]
 
 TAPS = 14  # interpolator length; its error is near -100 dB at twofold oversampling
 KAISER_BETA = 11.0  # Kaiser window of the interpolator: side lobes near -100 dB
 NODE_STEP = 16  # node counts are multiples of this, so that few interpolators are built
 BIN_M = 4.0  # width of a range bin in the transitions, metres: a fifth of the range resolution at 7.5 MHz
-
-
-def synthesise_directly(
-    waveform: Waveform,
-    amplitude: np.ndarray,
-    range_m: np.ndarray,
-    range_rate_m_per_s: np.ndarray,
-    *,
-    frame_index: int = 0,
-    block: int = 64,
-) -> np.ndarray:
-    """(N,) complex128 frame ``sum_i a_i s(t - tau_i(t)) exp(-j 2 pi f_c tau_i(t))``, every sample of every
-    sweep.
-
-    Exact and slow (a second for 3000 scatterers); see `synthesise` for the arguments.
-    """
-    total = np.zeros(waveform.samples_per_frame, dtype=complex)
-    for k in range(0, len(amplitude), block):
-        part = slice(k, k + block)
-        echoes = point_return(
-            waveform,
-            range_m[part],
-            vertical_speed_m_per_s=range_rate_m_per_s[part],
-            frame_index=frame_index,
-            dtype=np.complex128,
-        )
-        total += amplitude[part] @ echoes
-    return total
 
 
 def synthesise(
@@ -80,7 +50,7 @@ def synthesise(
     -----
     Neglected: range walk within a half sweep beyond its effect on the beat frequency (a phase of
     ``pi k rate T_h^2 / 2c``, 2e-3 rad at 70 m/s) and, in the transitions, range differences inside a bin and
-    Doppler over ``tau``. Against `synthesise_directly` the error is below -45 dB for an airliner's approach.
+    Doppler over ``tau``. Against the sum of whole sweeps the error is below -45 dB for an airliner's approach.
     """
     amplitude, range_m = np.asarray(amplitude, dtype=complex), np.asarray(range_m, dtype=float)
     tau = 2.0 * range_m / C_M_PER_S

@@ -9,18 +9,15 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.constants import foot, g
 from scipy.interpolate import PchipInterpolator
 
 from ...parsing import InputError, read_text
-from .errors import TrajectoryError
 from .geodesy import curvature_radii_m
 
-__all__ = ["AircraftState", "Trajectory"]
+__all__ = ["AircraftState", "Trajectory", "TrajectoryError"]
 
 _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
-
-STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
-FOOT_M = 0.3048  # international foot
 
 # column names in use (own files, OpenSky Network state vectors, common track exports), first match wins
 COLUMNS = {
@@ -34,6 +31,10 @@ COLUMNS = {
     "aircraft": ("icao24", "hex", "callsign"),
     "onground": ("onground", "on_ground"),
 }
+
+
+class TrajectoryError(ValueError):
+    """A trajectory file or a query into it does not make sense; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,9 @@ class AircraftState:
     def body_axes(self) -> np.ndarray:
         """(3, 3) rows: nose, right wing and belly unit vectors in east, north, up (yaw-pitch-roll order)."""
         yaw, pitch, roll = np.radians([self.heading_deg, self.pitch_deg, self.roll_deg])
-        sy, cy, sp, cp, sr, cr = (
-            np.sin(yaw),
-            np.cos(yaw),
-            np.sin(pitch),
-            np.cos(pitch),
-            np.sin(roll),
-            np.cos(roll),
-        )
+        sy, cy = np.sin(yaw), np.cos(yaw)
+        sp, cp = np.sin(pitch), np.cos(pitch)
+        sr, cr = np.sin(roll), np.cos(roll)
         nose = np.array([sy * cp, cy * cp, sp])
         wing = np.array([sy * sp * sr + cy * cr, cy * sp * sr - sy * cr, -cp * sr])
         return np.stack([nose, wing, np.cross(nose, wing)])
@@ -193,7 +189,7 @@ class Trajectory:
         rows = _one_aircraft(path, rows, column["aircraft"], aircraft)
         kept, skipped = _usable(path, rows, column, height)
         points = np.array(kept, dtype=float).reshape(-1, 4).T
-        unit = FOOT_M if height == column["altitude_ft"] else 1.0
+        unit = foot if height == column["altitude_ft"] else 1.0
         return cls(
             points[0], points[1], points[2], points[3] * unit + altitude_offset_m,
             angle_of_attack_deg=angle_of_attack_deg, max_gap_s=max_gap_s, source=path.name,
@@ -250,7 +246,7 @@ class Trajectory:
         span = np.clip(time_s + 1.0, None, self.end_s) - np.clip(time_s - 1.0, self.start_s, None)
         cross = before[:, 1] * after[:, 0] - before[:, 0] * after[:, 1]
         turn = np.arctan2(cross, np.sum(before[:, :2] * after[:, :2], axis=1)) / span
-        roll = np.degrees(np.arctan(ground * turn / STANDARD_GRAVITY))
+        roll = np.degrees(np.arctan(ground * turn / g))
         pitch = np.degrees(np.arctan2(velocity[:, 2], ground)) + self.angle_of_attack_deg
         longitude = (position[:, 1] + 180.0) % 360.0 - 180.0
         return [

@@ -1,0 +1,58 @@
+"""Panels of tables and figures: rows that differ in the horizontal axis and the series alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from ..results.table import DASH
+
+__all__ = ["panels", "series_of", "spread", "with_interference"]
+
+Row = dict[str, Any]
+
+
+def panels(rows: Sequence[Row], against: str = "overlap") -> list[tuple[str, list[Row]]]:
+    """Rows grouped by all values but the horizontal axis, with titles of what differs between panels.
+
+    ``against`` is ``"overlap"`` or ``"sir_db"``; for the latter rows without interference are left out.
+    """
+    other = "sir_db" if against == "overlap" else "overlap"
+    names = ("interference", other, "snr_db")
+    found: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        if against == "overlap" or (row["overlap"] > 0 and row["sir_db"] is not None):
+            found.setdefault(tuple(row[name] for name in names), []).append(row)
+    many = [len({key[k] for key in found}) > 1 for k in range(3)]
+    out = []
+    for (interference, middle, snr), mine in found.items():
+        name = "no interference" if interference == "none" else interference.replace("_", " ")
+        parts = [name] if many[0] or middle is None else []
+        if middle is not None:
+            parts += [f"SIR {_minus(middle)} dB" if other == "sir_db" else f"overlap {middle:g}"]
+        parts += [f"SNR {_minus(snr)} dB" if snr is not None else "no noise"] if many[2] else []
+        out.append((", ".join(parts), mine))
+    return out
+
+
+def _minus(value: float) -> str:
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def series_of(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    """Rows by series: a key ``series`` overrides ``method``."""
+    out: dict[str, list[Row]] = {}
+    for row in rows:
+        out.setdefault(row.get("series", row["method"]), []).append(row)
+    return out
+
+
+def with_interference(rows: Sequence[Row]) -> list[Row]:
+    """Rows at overlaps above 0, or all where there are none."""
+    return [row for row in rows if row["overlap"] > 0] or list(rows)
+
+
+def spread(rows: Iterable[Row]) -> str:
+    """Number of trials of the rows: one number, or the smallest and the largest."""
+    trials = sorted({row["trials"] for row in rows})
+    return f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}{DASH}{trials[-1]}"
