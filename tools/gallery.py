@@ -20,7 +20,7 @@ from radalt.core.interference.placement import interference_frames
 from radalt.core.returns.point import point_return
 from radalt.core.scene import Scene, load_scene
 from radalt.evaluation.commands import make_recording
-from radalt.evaluation.engine.options import MAX_SEED, Parser, command, number, path
+from radalt.evaluation.engine.options import MAX_SEED, Parser, check_ours, command, number, path
 from radalt.evaluation.transmitters import TRANSMITTERS, transmit
 
 PANELS = (
@@ -37,6 +37,7 @@ PANELS = (
     ("atsc", "ATSC television by GNU Radio"),
     ("dvbs2", "DVB-S2 by GNU Radio"),
 )
+TITLE = "Interference gallery of gr-radalt"  # in the file's metadata
 SIR_DB = -20.0  # at which return and interference are both seen
 WINDOW = 128  # samples of a short-time transform: 17 us
 
@@ -106,7 +107,7 @@ def draw(path: Path, seed: int) -> None:
         f"Two sweeps at the receiver: 200 m return (the triangle),\ninterference at {SIR_DB:g} dB SIR, 60 % overlap",
         fontsize=11,
     )
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, metadata={"Title": TITLE})
 
 
 def _parser() -> Parser:
@@ -130,6 +131,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     if options.out.suffix not in (".png", ".svg", ".pdf"):
         parser.error(f"--out is {str(options.out)[-60:]!r}; it has to end in .png, .svg or .pdf")
+    check_ours(options.out, TITLE)
     draw(options.out, options.seed)
     print(options.out)
     return 0
