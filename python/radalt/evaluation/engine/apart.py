@@ -28,20 +28,8 @@ def call_apart(
 ) -> Any:
     """Result of a module's function in a process of its own; arguments and result are JSON.
 
-    Parameters
-    ----------
-    module, function : str
-        The process finds the module by this one's ``sys.path``.
-    arguments
-        Of the function.
-    threads : int
-        Of BLAS and OpenMP.
-    time_limit_s : float
-
-    Raises
-    ------
-    WorkerError
-        If there is no result; the last line that the process wrote.
+    The process finds the module by this one's ``sys.path``; ``threads`` are those of BLAS and OpenMP. Raises
+    WorkerError if there is no result: the last line that the process wrote.
     """
     env = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), str(threads))
     env["PYTHONPATH"] = os.pathsep.join(sys.path)

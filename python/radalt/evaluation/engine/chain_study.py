@@ -16,16 +16,10 @@ __all__ = ["ChainStudy"]
 
 
 class ChainStudy(Study):
-    """A study whose rows depend on its ``chains``, a field or a property of the subclass.
-
-    Attributes
-    ----------
-    waveform : Waveform
-        Sweep that the chains are built for.
-    """
+    """A study whose rows depend on its ``chains``, a field or a property of the subclass."""
 
     chains: tuple[Chain, ...]
-    waveform: ClassVar[Waveform] = Waveform()
+    waveform: ClassVar[Waveform] = Waveform()  # sweep that the chains are built for
 
     def head(self) -> dict[str, Any]:
         """All fields, and of each chain what its rows depend on; raises `MitigationError` if one cannot be built."""
