@@ -91,7 +91,7 @@ def main() -> None:
                 break
             if file not in whole_s:  # time of the module's tests without a mutation
                 if not passes(tree, tests, LIMIT_S):
-                    sys.exit(f"mutants: {', '.join(tests)} fail without a mutation")
+                    sys.exit(f"mutants: {', '.join(tests)} fail without a mutation, or take longer")
                 whole_s[file] = time.monotonic() - begun
             text, where = mutated(file.read_text(), number)
             copy.write_text(text)
