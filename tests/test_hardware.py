@@ -375,13 +375,7 @@ def test_run_button_subtracts_the_stored_calibration(generated, press_run, capsy
 
 
 @pytest.mark.parametrize(
-    ("name", "radio", "transmit"),
-    [
-        ("ota_b210", {}, 0),
-        ("ota_b210", {"enclosure": "none"}, 1),
-        ("ota_b210", {"attenuation_db": 10.0}, 1),
-        ("ota_embedded", {}, 0),
-    ],
+    ("radio", "transmit"), [({}, 0), ({"enclosure": "none"}, 1), ({"attenuation_db": 10.0}, 1)]
 )
 def test_run_button_touches_no_radio_where_the_interlock_refuses(generated, press_run, radio, transmit):
     with pytest.raises(InterlockError):
