@@ -13,7 +13,10 @@ from radalt.core.radio.recording import open_capture
 from radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
 from radalt.studies.integrity import command as program
-from radalt.studies.integrity.cases import KINDS, WAVEFORM, Case, _bent, case_of, cases, fly, received
+from radalt.studies.integrity.cases import KINDS, WAVEFORM, Case, case_of, cases
+from radalt.studies.integrity.flights import fly
+from radalt.studies.integrity.frames import _bent
+from radalt.studies.integrity.received import received
 from radalt.studies.integrity.report import _claim, summarise
 from radalt.studies.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m
 

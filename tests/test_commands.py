@@ -38,8 +38,8 @@ def commands(file: Path) -> list[str]:
         lines = (text.split('"""') + [""])[1].splitlines()
     else:
         lines = [line for line in text.splitlines() if line.startswith("    ")]
-        for fence in re.findall(r"^```(?:sh|bash|console)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
-            lines += fence.splitlines()
+        for language, fence in re.findall(r"^```(\w*)\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            lines += fence.splitlines() if language in ("", "sh", "bash", "console") else []
     found = [line.strip() for line in lines if COMMAND.fullmatch(line.strip())]
     return found + [code for code in re.findall(r"`([^`\n]+)`", text) if COMMAND.fullmatch(code)]
 

@@ -11,7 +11,7 @@ from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
-from radalt.core.interference.stream import JammerStream
+from radalt.core.interference.stream import Continued, JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.core.waveform import Waveform
 
@@ -410,3 +410,15 @@ def test_fading_keeps_the_mean_power():
     rng = np.random.default_rng(2)
     power = [np.mean(np.abs(emitter.samples(1000, RATE_HZ, rng)) ** 2) for _ in range(400)]
     assert np.mean(power) == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.parametrize(
+    ("repeats", "cycles", "again"), [(False, 0.0, None), (True, 0.0, 1.0), (True, 7.5, -1.0)]
+)
+def test_a_window_is_played_again_only_where_it_shall_and_its_carrier_goes_on(repeats, cycles, again):
+    emitter, rng = Continued(QpskEmitter(), 100, 4, repeats=repeats, cycles=cycles), np.random.default_rng(1)
+    first, second = (np.concatenate([emitter.samples(100, 7.5e6, rng) for _ in range(4)]) for _ in range(2))
+    if again is None:
+        assert abs(np.vdot(first, second)) < 0.5 * np.vdot(first, first).real
+    else:
+        np.testing.assert_allclose(second, again * first, atol=1e-12)

@@ -268,6 +268,20 @@ def test_a_loss_that_interference_hid_lets_no_wrong_altitude_through(length, sho
     assert segmenter.counters["lock_losses"] == 1
 
 
+@pytest.mark.parametrize("shown_again", [68, 88])
+def test_whole_frames_lost_while_hidden_count_from_the_first_frame_that_shows_again(shown_again):
+    """Three frames lost in frame 60; each is found where frames are judged that were not looked at when they came."""
+    programme = Programme((300.0, 500.0, 800.0, 400.0, 900.0, 300.0, 700.0), frames_per_step=20)
+    stream = lossy(programme, 3 * N, by_hand=True)
+    hide(stream.samples, 40, shown_again)
+    seen, segmenter = segmented(stream, 5)
+    assert segmenter.counters["index_corrections"] == 1
+    assert segmenter.counters["lock_losses"] == segmenter.counters["unlocked_frames"] == 0
+    ahead = [s.frame.index - s.frame.start_sample // N for s in seen]
+    shown = [s.frame.start_sample >= (shown_again - 3) * N for s in seen]
+    assert {a - ahead[0] for a, after in zip(ahead, shown, strict=True) if after} == {3}
+
+
 @pytest.mark.parametrize("glimpse", range(64, 68))
 def test_every_hidden_frame_comes_out_once(glimpse):
     """Whichever frame shows the sweep in between, those not looked at are judged then, and none twice."""

@@ -113,12 +113,12 @@ def test_other_processes_give_the_same_silenced_frames(monkeypatch):
     """Silenced frames have no altitude: |NaN - NaN| once made the row fail, without a value."""
     whole = np.array([100.0, np.nan, 300.0])
     monkeypatch.setattr(checks, "altitudes_of", lambda method, batches=(12,): whole)
-    given = {"1": (whole.copy(), ""), "2": (whole + [0, 0, 1e-9], "")}
+    given = {1: (whole.copy(), ""), 2: (whole + [0, 0, 1e-9], "")}
     monkeypatch.setattr(checks, "_altitudes_in_process", lambda method, threads: given[threads])
     rows = {r["check"]: r["verdict"] for r in checks.determinism_rows("none")}
     assert rows.pop("none: a process of 2 threads") == "FAIL"
     assert set(rows.values()) == {"pass"}
-    given["1"] = (np.array([100.0, 200.0, 300.0]), "")
+    given[1] = (np.array([100.0, 200.0, 300.0]), "")
     assert [r["verdict"] for r in checks.determinism_rows("none")][2] == "FAIL"
 
 
@@ -177,10 +177,11 @@ def test_a_method_that_keeps_a_grudge_or_overflows_fails(case, method, monkeypat
 
 def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
     bad = dataclasses.replace(case, truth_m=case.truth_m + 50.0)
-    rows = list(judge_all([case, bad], compared_chains(["none"])))
+    study = StabilityStudy(compared_chains(["none"]))
+    rows = [{"group": "numbers"} | row for row in judge_all([case, bad], study.chains)]
     tables = {"rows": rows, "step_limits": [], "checks": []}
     folder = RunFolder(tmp_path, {"study": "StabilityStudy", "versions": {"radalt": "0"}})
-    write_report(folder, tables, Run(1, 2, 0, 1.0, 1, ".venv/bin/python flowgraphs/stability.py"))
+    write_report(folder, study, tables, Run(1, 2, 0, 1.0, 1, ".venv/bin/python flowgraphs/stability.py"))
     assert failures(tables) == ["8-bit converter: none: FAIL"]
     page = (tmp_path / "report.md").read_text()
     assert "| none | 8-bit converter | 4 of 4 wrong |" in page

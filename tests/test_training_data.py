@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from waiting import ran_python
 
+from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -24,7 +25,7 @@ def data(root):
 
     yield data
     sys.path.remove(str(root / "training"))
-    del sys.modules["data"], sys.modules["configs"]
+    del sys.modules["data"], sys.modules["configs"], sys.modules["interferers"]
 
 
 def test_an_example_is_a_function_of_seed_and_index(data):
@@ -300,12 +301,12 @@ def test_no_recording_is_in_both_training_and_validation(data, tmp_path, count):
 def test_training_hears_the_recordings_of_its_part_only(data, tmp_path, monkeypatch):
     heard = []
 
-    class Listed(data.RecordingEmitter):
+    class Listed(RecordingEmitter):
         def samples(self, count, rate_hz, rng):
             heard.append(self.file)
             return np.ones(count, dtype=complex)
 
-    monkeypatch.setattr(data, "RecordingEmitter", Listed)
+    monkeypatch.setattr("interferers.RecordingEmitter", Listed)
     files = tuple(recording(tmp_path, f"r{k}", k) for k in range(5))
     train, validation = data.split_recordings(files)
     config = replace(data.CONFIGS["paper"], recordings=files, counts=(0.0, 1.0), size=0)

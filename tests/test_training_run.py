@@ -62,7 +62,7 @@ def test_a_stopped_run_goes_on_where_it_was(training, runs):
         log.write("28,112,,9.9,0.001,1.0,1.0\n29,11")
     status, said, errors = training("train.py", "compact_first", "--steps", "30", *small)
     assert status == 0, errors
-    assert "goes on from its own checkpoint at step 25" in said
+    assert "resumes from its own checkpoint at step 25" in said
     steps = [row.split(",")[0] for row in (folder / "compact_first/log.csv").read_text().splitlines()[1:]]
     assert steps == ["5", "10", "15", "20", "25", "30"]
 
@@ -215,7 +215,7 @@ def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     start = ("--start", root / "models/fc.onnx", "--name", "on")
     status, said, errors = training("train.py", "fc", "--steps", "1", *start, *small)
     assert status == 0, errors
-    assert "goes on from the weights of" in said
+    assert "starts from the weights of" in said
 
 
 DYING = """
