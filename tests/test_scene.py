@@ -136,7 +136,7 @@ WRONG = [
     ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "0..16"),
     ({"channel": {"drops": {"count": -1}}}, "drops", "-1", "0 or above"),
     ({"altimeter": {"cfar": "os"}}, "'altimeter.cfar'", "unknown key", "allowed:"),
-    ({"altimeter": {"pfa_per_frame": 2.0}}, "pfa_per_frame", "2.0", "within"),
+    ({"altimeter": {"pfa_per_frame": 2.0}}, "pfa_per_frame", "2", "within"),
     (
         {"altimeter": {"pfa": 1e-4, "max_altitude_m": 1500}},
         "altimeter.pfa is 0.0001",
