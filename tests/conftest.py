@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hostile import measure_here
 
 # Before NumPy is first imported: tests run side by side, and BLAS threads would only get in their way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -47,6 +48,13 @@ def browser(tmp_path: Path) -> list[str] | None:
     program = next(filter(None, map(shutil.which, names)), None)
     flags = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
     return program and [program, *flags]
+
+
+@pytest.fixture
+def measured_here(monkeypatch) -> None:
+    """Points are measured in this process, without a rehearsal: starting another takes longer than most points do."""
+    measure_here(monkeypatch)
+    monkeypatch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -17,6 +17,14 @@ def ended(main, *arguments: object) -> tuple[int, str]:
     return status, err.getvalue()
 
 
+def measure_here(patch, first=lambda: None) -> None:
+    """Points of a run are measured in this process, after ``first()``: when the command has read what it reads."""
+    patch.setattr(
+        "radalt.evaluation.engine.run.run_tasks",
+        lambda function, tasks, **_: (first(), ((k, function(task)) for k, task in enumerate(tasks)))[1],
+    )
+
+
 def assert_refused(status: int, error: str) -> None:
     """Status 2 and one printable line of at most 300 characters."""
     assert status == 2, (status, error)

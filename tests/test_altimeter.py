@@ -41,17 +41,12 @@ def test_error_is_near_the_cramer_rao_bound(snr_db, kind):
     altitudes = rng.uniform(3, 1500, 400)
     result = Altimeter(W).process(frames_of(kind, altitudes) + noise((400, 7500), snr_db, rng))
     error = result["altitude_m"] - altitudes
-    bound = altitude_crb_m(W, snr_db)
+    bound, speed_bound = altitude_crb_m(W, snr_db), vertical_speed_crb_m_per_s(W, snr_db)
     assert result["valid"].all()
+    np.testing.assert_array_equal(result["altitude_m"], result["forced_altitude_m"])
     assert 0.9 < rms(error) / bound < 1.3
     assert abs(error.mean()) < 0.15 * bound + 1e-3
-
-
-def test_vertical_speed_error_is_near_its_bound():
-    rng = np.random.default_rng(2)
-    altitudes = rng.uniform(3, 1500, 400)
-    result = Altimeter(W).process(frames_of("synthetic", altitudes) + noise((400, 7500), 15.0, rng))
-    assert 0.9 < rms(result["vertical_speed_m_per_s"]) / vertical_speed_crb_m_per_s(W, 15.0) < 1.3
+    assert 0.9 < rms(result["vertical_speed_m_per_s"]) / speed_bound < 1.3
 
 
 @pytest.mark.parametrize("kind", ["synthetic", "true_delay"])
@@ -138,9 +133,10 @@ def test_leading_edge_reads_the_nearest_point_of_an_extended_return():
     depth = np.linspace(0, 120, 40)
     amplitude = np.exp(-depth / 80)
     errors = {s: [] for s in ("leading_edge", "centroid", "strongest")}
+    echoes = frames_of("synthetic", 300 + depth)
     for _ in range(60):
         gains = amplitude * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
-        frame = gains @ frames_of("synthetic", 300 + depth)
+        frame = gains @ echoes
         for strategy, values in errors.items():
             values.append(Altimeters[strategy].process(frame[None])["forced_altitude_m"][0] - 300)
     bias = {s: np.mean(v) for s, v in errors.items()}
@@ -203,8 +199,10 @@ def test_batch_gives_what_single_frames_give_bit_for_bit():
     frames[4] = noise((7500,), 0.0, rng)
     altimeter = Altimeter(W)
     whole = altimeter.process(frames)
-    singly = np.concatenate([altimeter.process(f[None], frame_index=i) for i, f in enumerate(frames)])
-    assert whole.tobytes() == singly.tobytes()
+    for size in (1, 2, 4, 5):
+        cuts = np.split(np.arange(9), range(size, 9, size))
+        parts = [altimeter.process(frames[at], frame_index=at) for at in cuts]
+        assert np.concatenate(parts).tobytes() == whole.tobytes()
     assert whole.dtype == RESULT_DTYPE
 
 
@@ -242,12 +240,6 @@ def test_unusable_frames_are_invalid_with_their_reason_and_leave_their_neighbour
     assert np.isnan(result["forced_altitude_m"][1:4]).all()
 
 
-def test_forced_decision_is_the_detection_where_there_is_one():
-    altitudes = np.linspace(10, 1400, 20)
-    result = Altimeter(W).process(frames_of("synthetic", altitudes))
-    np.testing.assert_array_equal(result["altitude_m"], result["forced_altitude_m"])
-
-
 def test_sweeps_that_disagree_beyond_doppler_are_no_target():
     """One altitude going up, another going down: each sweep detects, together they are impossible."""
     up, down = W.beat_shifted(200.0), W.beat_shifted(900.0)
@@ -255,20 +247,6 @@ def test_sweeps_that_disagree_beyond_doppler_are_no_target():
     result = Altimeter(W).process(frame[None])[0]
     assert Reason.NAMES[result["reason"]] == "sweeps_disagree"
     assert not result["valid"]
-
-
-def test_half_a_resolution_cell_from_a_tone_no_peak_is_as_steep_as_0_35_cells_from_it():
-    """A cell on the flank is told by its neighbour half a resolution cell on: ``sinc^2`` at 0.15 over that at 0.35."""
-    assert Altimeter(W)._flank == pytest.approx((np.sinc(0.15) / np.sinc(0.35)) ** 2, rel=0.05)
-
-
-def test_altitude_outside_the_span_is_not_reported():
-    settings = AltimeterSettings(max_altitude_m=500.0)
-    frames = np.stack([W.beat_shifted(a) for a in (400.0, 520.0, 800.0)]) + noise(
-        (3, 7500), 10.0, np.random.default_rng(3)
-    )
-    valid = Altimeter(W, settings).process(frames)["valid"]
-    assert list(valid) == [True, False, False]
 
 
 @pytest.mark.parametrize("altitude", [165.0, 170.0, 175.0, 425.0, 430.0, 435.0])
@@ -283,10 +261,7 @@ def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude)
     ("settings", "said"),
     [
         ({"max_altitude_m": -1.0}, "altimeter.max_altitude_m -1 has to be above min_altitude_m 0"),
-        (
-            {"strategy": "median"},
-            "altimeter.strategy is 'median'; allowed: strongest, leading_edge, centroid",
-        ),
+        ({"strategy": "median"}, "strategy is 'median'; allowed: strongest, leading_edge, centroid"),
         ({"window": "kaiser"}, "altimeter.window is 'kaiser'; allowed"),
         ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
         ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),
@@ -362,8 +337,8 @@ def test_a_return_beyond_the_span_ten_decibels_stronger_is_the_return(amplitude,
 def test_error_is_the_cramer_rao_bound_at_every_allowed_speed(speed):
     """Issue: at most 1.1 times the bound in white noise."""
     rng = np.random.default_rng(31)
-    altitudes = rng.uniform(40, 1400, 1200)
-    frames = point_return(W, altitudes) + noise((1200, 7500), 10.0, rng)
+    altitudes = rng.uniform(40, 1400, 600)
+    frames = point_return(W, altitudes) + noise((600, 7500), 10.0, rng)
     result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed)).process(frames)
     assert result["valid"].all()
     assert rms(result["altitude_m"] - altitudes) < 1.1 * altitude_crb_m(W, 10.0)

@@ -5,11 +5,10 @@ import dataclasses
 import functools
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from waiting import ran_python
 
 import radalt
 from radalt.core.channel.settings import DropSettings
@@ -105,10 +104,7 @@ except ImportError as error:
 
 
 def test_neither_gnu_radio_nor_posix_is_needed(root, tmp_path):
-    command = [sys.executable, "-c", WITHOUT, str(tmp_path / "run")]
-    done = subprocess.run(
-        command, cwd=root / "python", capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran_python("-c", WITHOUT, tmp_path / "run", cwd=root / "python")
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(
         r"radalt\.mitigation is a GNU Radio block, and \S+ has no GNU Radio; .*\n", done.stdout
@@ -116,24 +112,14 @@ def test_neither_gnu_radio_nor_posix_is_needed(root, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("mixture", {"drops": DropSettings(count=2)}),
-        ("qpsk_impaired", {}),
-    ],
+    ("name", "change"), [("mixture", {"drops": DropSettings(count=2)}), ("qpsk_impaired", {})]
 )
 def test_rows_are_those_of_the_flowgraph_to_the_last_digit(tmp_path, name, change):
     """All nine digits of every column but the times: the same streams, drops, segmenter and batches."""
     scene = radalt.load_scene(name)
     scene = dataclasses.replace(scene, channel=dataclasses.replace(scene.channel, **change))
-    scene = changed(
-        scene,
-        altitudes_m=(400.0, 60.0),
-        frames=15,
-        methods=("none", "whitening", "nlms"),
-        sir_db=(-32.0,),
-        seed=5,
-    )
+    small = {"altitudes_m": (400.0, 60.0), "frames": 15, "methods": ("none", "whitening", "nlms")}
+    scene = changed(scene, **small, sir_db=(-32.0,), seed=5)
     point = sweep_points(scene)[-1]
     rows = [
         OverlapStudy(scene, flowgraph=flowgraph).begin(tmp_path / str(flowgraph)).measure(point)

@@ -119,10 +119,7 @@ def test_every_module_has_its_room():
         ("import radalt.core.scene", False),
         ("from radalt.core.scene import thing", False),
         ("if True:\n    from ..scene import thing", False),
-        (
-            "class C:\n    def f(self):\n        async def g():\n            import radalt.core.scene.thing",
-            True,
-        ),
+        ("class C:\n  def f(self):\n    async def g():\n      import radalt.core.scene.thing", True),
     ],
 )
 def test_an_arrow_up_is_found_however_it_is_written(tmp_path, line, lazy):

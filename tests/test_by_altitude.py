@@ -1,7 +1,6 @@
 """Results by altitude: rows that add up to the study's, the errors' distribution, and intervals of RMSE."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -10,10 +9,8 @@ from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene
 from radalt.evaluation.overlap.altitudes import (
-    ALTITUDE_COLUMNS,
     ERRORS_M,
     altitude_rows,
-    groups,
     pool_altitudes,
     rmse_interval,
     with_intervals,
@@ -96,11 +93,3 @@ def test_rmse_without_a_decision_has_no_interval():
     study = {key: rows[0][key] for key in ("method", "interference", "overlap", "sir_db", "snr_db")}
     assert with_intervals([study], rows) == [study | {"rmse_low_m": None, "rmse_high_m": None}]
     assert with_intervals([study], []) == [study]
-
-
-def test_rows_survive_the_journal():
-    scene = scene_of((300.0, 40.0), 20)
-    rows = altitude_rows(scene, POINT, {"none": measured(scene.altitude.programme)})
-    kept = json.loads(json.dumps(rows))
-    assert [ALTITUDE_COLUMNS.row(row) for row in kept] == rows
-    assert list(groups(rows, "method")) == [("none",)]

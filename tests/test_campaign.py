@@ -11,10 +11,12 @@ from radalt.core.interference import QpskEmitter
 from radalt.core.interference.stream import Continued
 from radalt.core.radio.recording import open_capture
 from radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
-from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
 from radalt.studies.integrity import command as program
-from radalt.studies.integrity.cases import KINDS, WAVEFORM, Case, _bent, case_of, cases, fly, received
+from radalt.studies.integrity.cases import KINDS, WAVEFORM, Case, case_of, cases
+from radalt.studies.integrity.flights import fly
+from radalt.studies.integrity.frames import _bent
+from radalt.studies.integrity.received import received
 from radalt.studies.integrity.report import _claim, summarise
 from radalt.studies.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m
 
@@ -137,14 +139,7 @@ def test_levels_of_what_is_drawn_hold_within_a_flight_and_differ_between_flights
     assert np.ptp(levels) > 5.0
 
 
-def test_the_vertical_speed_that_is_allowed_is_that_of_every_altimeter():
-    study = IntegrityStudy(("none", "whitening"), allowed_m_per_s=150.0)
-    assert {chain.settings.max_vertical_speed_m_per_s for chain in study.chains} == {150.0}
-    assert study.head()["allowed_m_per_s"] == 150.0
-
-
-def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and seconds each
+def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, measured_here):
     out = tmp_path / "out"
     small = ["--methods=none", "--groups=noise,spoofed_first", "--frames=400"]
     status = program.main(
@@ -170,8 +165,7 @@ def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, m
     assert [int(line.split()[1]) for line in again] == [int(e["frame_index"]) for e in mine]
 
 
-def test_a_campaign_goes_on_to_more_outputs(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)
+def test_a_campaign_goes_on_to_more_outputs(tmp_path, capsys, measured_here):
     noise = ["--methods=none", "--groups=noise", "--frames=400", "--jobs=1", f"--out={tmp_path / 'out'}"]
     assert program.main([*noise, "--outputs=40"]) == 0
     assert program.main([*noise, "--resume", "--outputs=80"]) == 0

@@ -11,7 +11,6 @@ from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.scene import parse_scene
-from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
@@ -93,8 +92,7 @@ def test_bursts_and_locked_jammers_start_anew():
         assert stream.interferers[0] is interferer
 
 
-def test_study_end_to_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and 5 s
+def test_study_end_to_end(tmp_path, measured_here):
     study = CancellationStudy(cases=("evm_3", "stream", "qpsk"), frames=3, seed=5, sirs_db=(-20.0, -45.0))
     assert [point.frames for point in study.points()] == [3, 3, 3]
     page = run(study, Options(tmp_path / "a", jobs=1))
@@ -123,9 +121,8 @@ def test_qpsk_is_demodulated_by_its_own_method():
     assert sum(row["correct"] for row in rows if row["method"] == "qpsk_cancel") >= 7
 
 
-def test_flights_alone(tmp_path, monkeypatch, capsys):
+def test_flights_alone(tmp_path, monkeypatch, capsys, measured_here):
     monkeypatch.setattr("radalt.studies.cancellation.flights.FRAMES", 120)
-    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)
     page = run(FlightsStudy(("none",), flights=2, length_s=1, seed=5), Options(tmp_path / "a", jobs=1))
     assert "2 flights of 1 s" in page.read_text(encoding="utf-8")
     rows = list(csv.DictReader((tmp_path / "a" / "rows.csv").open(encoding="utf-8")))

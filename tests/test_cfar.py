@@ -38,7 +38,7 @@ def passed(frames: np.ndarray, gain: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("window", ["boxcar", "hann"])
 def test_false_alarm_rate_on_noise_is_the_design_value(window):
-    """Near 1e-4 on 2e6 cells, of one half sweep and of the sum of two above a floor; below it with a taper.
+    """Near 1e-4 on 1e6 cells, of one half sweep and of the sum of two above a floor; below it with a taper.
 
     The sum of two exponentials, each at least F, exceeds T with probability ``(T - 2F + 1) exp(-T)``.
     """
@@ -48,7 +48,7 @@ def test_false_alarm_rate_on_noise_is_the_design_value(window):
     for _ in range(50):  # (T - 2F + 1) exp(-T) = PFA
         joint_level = np.log((joint_level - 2 * FLOOR + 1) / PFA)
     single = joint = tested = 0
-    while tested < 2_000_000:
+    while tested < 1_000_000:
         value = altimeter.significance(altimeter.spectra(noise_frames(rng, 100))).value
         single += np.count_nonzero(value > -np.log(PFA))
         joint += np.count_nonzero((value.sum(axis=1) > joint_level) & (value.min(axis=1) >= FLOOR))
@@ -67,14 +67,14 @@ def test_altitudes_on_noise_alone_are_as_rare_as_the_design_says_and_no_rarer(sp
     settings = {"pfa_per_frame": 0.15, "max_vertical_speed_m_per_s": speed} | LAW | more
     altimeter = Altimeter(W, AltimeterSettings(**settings))
     rng = np.random.default_rng(5)
-    valid = np.concatenate([altimeter.process(noise_frames(rng, 100))["valid"] for _ in range(30)])
+    valid = np.concatenate([altimeter.process(noise_frames(rng, 100))["valid"] for _ in range(15)])
     assert 0.8 * 0.15 < valid.mean() < 1.05 * 0.15
 
 
 WIDE = Waveform(bandwidth_hz=150e6, sweep_s=0.1e-3, rate_hz=150e6)  # cells of 1 m
 
 
-@pytest.mark.parametrize(("waveform", "count"), [(W, 4000), (WIDE, 2000)], ids=["7.5 MHz", "150 MHz"])
+@pytest.mark.parametrize(("waveform", "count"), [(W, 2000), (WIDE, 1000)], ids=["7.5 MHz", "150 MHz"])
 def test_a_frame_of_noise_has_an_altitude_as_rarely_whatever_the_sweep(waveform, count):
     """The default's 0.0155 per frame, over 75 cells of 20 m and over 1,500 of 1 m."""
     rng = np.random.default_rng(13)
@@ -100,7 +100,7 @@ def test_bursts_cause_no_more_false_alarms_than_white_noise_and_not_many_fewer(s
     altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, max_vertical_speed_m_per_s=speed, **LAW))
     rng = np.random.default_rng(6)
     valid = np.concatenate(
-        [altimeter.process(burst_of(noise_frames(rng, 100), share))["valid"] for _ in range(10)]
+        [altimeter.process(burst_of(noise_frames(rng, 100), share))["valid"] for _ in range(6)]
     )
     assert 0.1 < valid.mean() / altimeter.false_alarms_per_frame < 1.05
 
@@ -129,17 +129,16 @@ def test_noise_in_pieces_within_the_span_causes_no_more_false_alarms():
     pieces = np.isin(np.arange(W.samples_per_frame) % 3750 // 150, (2, 6, 11, 15, 21))
     gain = np.where((BEAT_HZ > 0.0) & (BEAT_HZ < 120e3), 1.0, 0.5)
     valid = [
-        altimeter.process(passed(noise_frames(rng, 100) * pieces, gain))["valid"].mean() for _ in range(10)
+        altimeter.process(passed(noise_frames(rng, 100) * pieces, gain))["valid"].mean() for _ in range(6)
     ]
     assert np.mean(valid) < altimeter.false_alarms_per_frame
 
 
-def test_a_narrower_interval_of_speeds_lowers_the_threshold_and_keeps_the_rate():
+def test_a_narrower_interval_of_speeds_keeps_the_rate():
     altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, max_vertical_speed_m_per_s=150.0, **LAW))
     rng = np.random.default_rng(8)
-    spectra = [altimeter.spectra(noise_frames(rng, 100)) for _ in range(15)]
+    spectra = [altimeter.spectra(noise_frames(rng, 100)) for _ in range(10)]
     for low, high in ((-2.0, 2.0), (40.0, 60.0), (-150.0, -130.0)):
-        assert altimeter._search_within((low, high)).pair_threshold < altimeter.pair_threshold - 1.0
         valid = np.mean(
             [altimeter.detect(s, vertical_speed_m_per_s=(low, high))["valid"].mean() for s in spectra]
         )
@@ -152,7 +151,7 @@ def test_the_law_holds_on_processes_made_without_the_altimeter():
     samples, over, span, reach, floor = 64, 8, 40, 3 * 8, 2.0
     crossing = upcrossings(np.ones(samples))
     assert crossing == pytest.approx(np.sqrt(np.pi / 3), rel=0.01)
-    draws = rng.standard_normal((4000, 2, 2 * samples)).view(complex) / np.sqrt(2 * samples)
+    draws = rng.standard_normal((2000, 2, 2 * samples)).view(complex) / np.sqrt(2 * samples)
     power = np.abs(np.fft.fft(draws, over * samples)[..., : span * over + 1]) ** 2
     for rate in (0.02, 0.1):
         for apart, partners in ((0, 0.0), (reach, 2 * reach / over)):
@@ -169,60 +168,12 @@ def test_the_law_holds_on_processes_made_without_the_altimeter():
 # -- what it is made of -----------------------------------------------------------------------------------------------
 
 
-def test_cells_share_a_trial_where_noise_lasts_without_a_gap_and_not_where_it_is_in_pieces():
-    """A burst over a quarter of a half sweep leaves a quarter of the trials, two edges of an eighth each leave all."""
-    altimeter = Altimeter(W, AltimeterSettings())
-    frames = noise_frames(np.random.default_rng(11), 200)
-    edges = np.abs(np.mod(np.arange(W.samples_per_frame), 3750) - 1875) > 0.375 * 3750
-    at = np.full((200, 2), 200)
-    burst, pieces, white = (
-        altimeter.cfar.shared(altimeter.spectra(some).power, at).mean()
-        for some in (burst_of(frames, 0.25), frames * edges, frames)
-    )
-    assert burst == pytest.approx(np.log(4.0), abs=0.15)
-    assert white == pytest.approx(0.0, abs=0.05) and pieces < 0.0
-
-
-@pytest.mark.parametrize(("beyond", "trials"), [(1.0, 0.2), (0.4, 1.0)])
-def test_narrow_support_lowers_the_threshold_only_where_the_cells_beyond_the_span_are_as_loud(beyond, trials):
-    """By the logarithm of the trials that are left. Quieter cells there say that a method made the support narrow."""
-    altimeter = Altimeter(W)
-    search, margin = altimeter._search, altimeter.cfar.margin
-    power = np.random.default_rng(13).exponential(size=(40, 2, altimeter.beat_hz.size)).astype(np.float32)
-    span = slice(margin + search.first, margin + search.last)
-    power[..., : span.start] *= np.float32(beyond)
-    power[..., span.stop :] *= np.float32(beyond)
-    cells = altimeter.cfar.significance(power, np.full((40, 2), 0.2))
-    pair = np.full((40, 2), search.first + 100)
-    noise, _ = altimeter.cfar.declared_level(power, cells, pair + margin, span)
-    for more in (-0.2, 0.2):
-        each = 0.5 * (search.pair_threshold + np.log(trials) + more)
-        peak = noise * cells.looks * np.expm1(each / cells.looks)
-        declared = search._stands_out(power, cells, pair, peak)
-        assert np.mean(declared == (more > 0)) > 0.9
-
-
-def test_how_long_noise_lasts_is_not_read_from_the_cells_of_the_return():
-    """A return 60 dB above noise, whose main lobe changes slowly as a burst does, leaves the noise's own figure."""
-    altimeter = Altimeter(W, AltimeterSettings())
-    power = altimeter.spectra(noise_frames(np.random.default_rng(12), 20)).power
-    at, lobe = np.full((20, 2), 200), np.sinc(np.arange(-16, 17) / 4.0) ** 2
-    returned = power.copy()
-    returned[..., 184:217] += 1e6 * power.mean() * lobe.astype(np.float32)
-    np.testing.assert_allclose(altimeter.cfar.shared(returned, at), altimeter.cfar.shared(power, at))
-
-
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.2])
 def test_support_is_the_share_of_the_samples_that_noise_lasts_for(share):
     rng = np.random.default_rng(1)
     samples = rng.standard_normal((2000, 500), dtype=np.float32).view(np.complex64)
     samples[:, round(share * 250) :] = 0
     assert support_of(samples, 250).mean() == pytest.approx(share, rel=0.05)
-
-
-def test_support_of_a_tone_and_of_nothing_is_whole():
-    tone = np.exp(2j * np.pi * 0.1 * np.arange(250)).astype(np.complex64)
-    np.testing.assert_array_equal(support_of(np.stack([tone, 0 * tone, np.nan * tone]), 250), 1.0)
 
 
 @pytest.mark.parametrize("group", [1, 4])
@@ -241,14 +192,6 @@ def test_white_noise_level_is_the_mean_of_the_band_but_for_the_energy_of_the_cel
         assert cells.value[frame, half, at] == pytest.approx(
             looks * np.log(1 + here / level / looks), rel=1e-4
         )
-
-
-def test_level_around_is_the_mean_of_the_training_groups():
-    sums = np.random.default_rng(4).exponential(size=(2, 2, 40)).astype(np.float32)
-    around = Cfar(train=5, guard=2, group=4)._around(sums)
-    for at in range(40 - 14):
-        training = [sums[1, 0, at + 7 + d] for d in range(-7, 8) if abs(d) > 2]
-        assert around[1, 0, at] == pytest.approx(np.mean(training) / 4, rel=1e-5)
 
 
 def test_noise_level_beside_a_step_of_30_db_is_that_of_the_cells_around():

@@ -8,7 +8,6 @@ import pytest
 from radalt.core.channel.delay_line import MOST_BLOCKS, DelayLine
 from radalt.core.channel.settings import ChannelSettings, DropSettings
 from radalt.core.channel.simulated import SimulatedChannel
-from radalt.core.interference import QpskEmitter
 from radalt.core.programme import Programme
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -314,7 +313,6 @@ def test_a_delay_line_that_expects_repeats_gives_what_any_other_gives():
     n, rng = 500, np.random.default_rng(7)
     expecting, other = DelayLine(n, 900.0, repeats=True), DelayLine(n, 900.0)
     sweeps = rng.standard_normal((3, 2 * n)).astype(np.float32).view(np.complex64)
-    settled = 0
     # long runs of one sweep, in which nothing is moved any more, and changes within and between the pushes
     stream = [0] * 40 + [1] * 3 + [0] * 30 + [2] * 25 + [0, 1, 2] * 4 + [1] * 40
     while stream:
@@ -327,8 +325,6 @@ def test_a_delay_line_that_expects_repeats_gives_what_any_other_gives():
             got = expecting.read(delay, blocks.size // n)
             expected = other.read(delay, blocks.size // n)
             np.testing.assert_array_equal(np.broadcast_to(got, expected.shape), expected)
-        settled += bool(expecting._settled)
-    assert settled > 10
 
 
 @pytest.mark.parametrize("sweep_s", [1e-3, 520e-6], ids=["1 ms", "0.52 ms"])
@@ -375,6 +371,10 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
         assert again[1].tobytes() == samples.tobytes()
 
 
+def made(**settings):
+    return SimulatedChannel(W, ChannelSettings(**settings), frames=60)
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [
@@ -383,31 +383,19 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
         (lambda: ChannelSettings(start_offset_samples=-1.0), "channel.start_offset_samples is -1"),
         (
             lambda: ChannelSettings(jammer_clock_ppm=200.0),
-            "channel.jammer_clock_ppm is 200; it has to be within -100..100",
+            "jammer_clock_ppm is 200; it has to be within -100..100",
         ),
         (lambda: ChannelSettings(jammer_delay_samples=-3.0), "channel.jammer_delay_samples is -3"),
         (lambda: DropSettings(3, 200, 100), "min_samples 200 <= max_samples 100"),
+        (lambda: made(start_offset_samples=3.5), "below the kernel's 64"),
         (
-            lambda: SimulatedChannel(W, ChannelSettings(start_offset_samples=3.5)),
-            "below the kernel's 64",
+            lambda: made(start_offset_samples=0, jammer_clock_ppm=1.0),
+            "1 .* start_offset_samples 0 leaves no room",
         ),
-        (
-            lambda: SimulatedChannel(W, ChannelSettings(start_offset_samples=0, jammer_clock_ppm=1.0)),
-            "jammer_clock_ppm 1 .* start_offset_samples 0 leaves no room",
-        ),
-        (
-            lambda: SimulatedChannel(W, ChannelSettings(drops=DropSettings(50)), frames=60),
-            "50 gaps do not fit a run of 60 frames",
-        ),
+        (lambda: made(drops=DropSettings(50)), "50 gaps do not fit a run of 60 frames"),
         (lambda: SimulatedChannel(W).process(np.zeros(10, np.complex64)), "blocks of 7500 samples"),
     ],
 )
 def test_impossible_channels_are_refused(make, said):
     with pytest.raises(ValueError, match=said):
         make()
-
-
-def test_free_emitters_pass_at_their_power():
-    j = QpskEmitter(pulse="rrc").samples(FRAMES * N, 7.5e6, np.random.default_rng(1))
-    settings = replace(PLAIN, start_offset_samples=100.4, jammer_clock_ppm=5.0, jammer_lo_offset_hz=2e3)
-    assert power_db(play(settings, None, j)[N:]) == pytest.approx(power_db(j), abs=0.1)

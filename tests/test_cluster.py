@@ -6,8 +6,10 @@ import importlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from test_ota_eval import stable, start
 from waiting import end_of, wait_for, written
 
 from radalt.core.mitigation import create
+from radalt.core.parsing import InputError
 from radalt.core.scene import load_scene
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.pool import WorkerError
@@ -192,14 +195,25 @@ class WithFile(Coins):
 
 
 def test_what_cannot_be_reached_is_one_line_and_leaves_no_folder(dask, tmp_path, monkeypatch):
+    """A silent server, or one that says something else, is none; a file is read as far as a scheduler's may reach."""
     monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+    silent, other = (socket.create_server(("127.0.0.1", 0)) for _ in range(2))
+    threading.Thread(
+        target=lambda: other.accept()[0].sendall(b"HTTP/1.1 400 Bad Request" * 9), daemon=True
+    ).start()
+    at = [f"tcp://127.0.0.1:{server.getsockname()[1]}" for server in (silent, other)]
     for scheduler, line in (
         ("tcp://127.0.0.1:1", "no Dask scheduler answers at tcp://127.0.0.1:1 within 1 s"),
-        ("no://such", "no Dask scheduler answers at no://such within 1 s (unknown address scheme 'no'"),
-        (str(tmp_path / "none.json"), "No such file or directory; give an address such as tcp://host:8786"),
+        (at[0], f"no Dask scheduler answers at {at[0]} within 1 s"),
+        (at[1], f"no Dask scheduler answers at {at[1]} (Unable to allocate"),
+        ("tls://127.0.0.1:1", "no Dask scheduler answers at tls://127.0.0.1:1 (TLS expects"),
+        ("ucx://127.0.0.1:1", "no Dask scheduler answers at ucx://127.0.0.1:1 ("),
+        ("no://such", "no Dask scheduler answers at no://such (unknown address scheme 'no'"),
+        (str(tmp_path / "none.json"), "(No such file or directory); give an address such as tcp://host:8786"),
+        ("/dev/zero", "cannot be read (it is a pipe or device); give an address"),
         (__file__, "no scheduler file of Dask's; give an address"),
     ):
-        with pytest.raises(WorkerError) as caught:
+        with pytest.raises((WorkerError, InputError)) as caught:
             run(Coins(), Options(tmp_path / "run", scheduler=scheduler))
         assert str(caught.value).startswith(f"--scheduler {scheduler}: ") and line in str(caught.value)
     with pytest.raises(WorkerError, match="--capture writes its recordings where the flowgraph runs"):

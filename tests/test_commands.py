@@ -7,11 +7,11 @@ import re
 import runpy
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from waiting import ran, ran_python
 
 from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine import estimate as estimates
@@ -38,8 +38,8 @@ def commands(file: Path) -> list[str]:
         lines = (text.split('"""') + [""])[1].splitlines()
     else:
         lines = [line for line in text.splitlines() if line.startswith("    ")]
-        for fence in re.findall(r"^```(?:sh|bash|console)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
-            lines += fence.splitlines()
+        for language, fence in re.findall(r"^```(\w*)\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            lines += fence.splitlines() if language in ("", "sh", "bash", "console") else []
     found = [line.strip() for line in lines if COMMAND.fullmatch(line.strip())]
     return found + [code for code in re.findall(r"`([^`\n]+)`", text) if COMMAND.fullmatch(code)]
 
@@ -77,17 +77,7 @@ def options_alone(monkeypatch):
 def desk(tmp_path_factory):
     """A folder like the source tree, with the files that pages call the reader's own."""
     folder = tmp_path_factory.mktemp("desk")
-    for name in (
-        "flowgraphs",
-        "models",
-        "training",
-        "tools",
-        "python",
-        "docs",
-        "examples",
-        "packaging",
-        ".venv",
-    ):
+    for name in "flowgraphs models training tools python docs examples packaging .venv".split():
         (folder / name).symlink_to(ROOT / name)
     landing = ROOT / "flowgraphs/landing"
     for name, like in {
@@ -145,13 +135,10 @@ def of(*kinds: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("line", PRINTED)
-def test_one_form_that_debian_knows(line):
+def test_one_form_that_debian_knows():
     """Debian has no `python`, and its python3 has not what the environment has."""
-    first = words(line)[1][0]
-    assert first in (".venv/bin/python", ".venv-train/bin/python", "make") or first.startswith(
-        ("tools/", "./")
-    ), f"{', '.join(PRINTED[line])}: {line}"
+    forms = (".venv/bin/python", ".venv-train/bin/python", "make", "tools/", "./")
+    assert {line: files for line, files in PRINTED.items() if not words(line)[1][0].startswith(forms)} == {}
 
 
 @pytest.mark.parametrize("line", of(".venv/bin/python", "flowgraphs/"))
@@ -201,10 +188,7 @@ def test_options_of_training_are_in_its_source(line):
 
 @pytest.mark.parametrize("line", of("make"))
 def test_make_knows_its_targets(line):
-    done = subprocess.run(
-        ["make", "-n", *words(line)[1][1:]],
-        cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = ran("make", "-n", *words(line)[1][1:], cwd=ROOT)
     assert done.returncode == 0, done.stderr
 
 
@@ -218,9 +202,7 @@ def test_a_shell_runs_the_first_line_of_the_readme(desk):
     # the printed line names .venv; `make test` makes it, ctest with the system's Python does not
     if not (ROOT / ".venv").exists():
         pytest.skip("no .venv here: the module is tested where `make setup` was not run")
-    done = subprocess.run(
-        ["sh", "-c", f"{line} --plan"], cwd=desk, capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran("sh", "-c", f"{line} --plan", cwd=desk)
     assert done.returncode == 0, done.stderr
     assert "built" in done.stdout
 
@@ -244,21 +226,16 @@ def test_help_acts_on_nothing(program, monkeypatch, capsys, tmp_path):
 
 def test_a_training_program_says_where_it_lies():
     environ = os.environ | {"PYTHONPATH": str(ROOT / "python")}
-    program = [sys.executable, str(ROOT / "training" / "evaluate_sweeps.py"), "--help"]
-    done = subprocess.run(program, env=environ, capture_output=True, text=True, timeout=120, check=True)
+    done = ran_python(ROOT / "training/evaluate_sweeps.py", "--help", env=environ)
     assert done.stdout.startswith("usage: PYTHONPATH=python .venv/bin/python training/evaluate_sweeps.py")
 
 
-@pytest.mark.parametrize(
-    "tool",
-    sorted([*ROOT.glob("tools/[!_]*.*"), *ROOT.glob("cmake/*.py")]),
-    ids=lambda p: p.name,
-)
+TOOLS = sorted([*ROOT.glob("tools/[!_]*.*"), *ROOT.glob("cmake/*.py")])
+
+
+@pytest.mark.parametrize("tool", TOOLS, ids=lambda p: p.name)
 def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
-    run = [sys.executable, str(tool)] if tool.suffix == ".py" else ["sh", str(tool)]
-    done = subprocess.run(
-        [*run, "--help"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran(sys.executable if tool.suffix == ".py" else "sh", tool, "--help", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "usage" in done.stdout.lower()
     assert not list(tmp_path.iterdir())

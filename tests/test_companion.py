@@ -3,13 +3,13 @@
 import json
 import os
 import shutil
-import subprocess
 import sysconfig
 from pathlib import Path
 
 import pytest
 import yaml
 from gnuradio import gr
+from waiting import ran
 
 from radalt.evaluation.flowgraph import generate
 
@@ -29,11 +29,8 @@ def companion(folder: Path, paths: list[Path], descriptions: str, *options: str)
         # GNU Radio's own, and not what may be installed of ours
         "GR_CONF_GRC_GLOBAL_BLOCKS_PATH": f"{gr.prefix()}/share/gnuradio/grc/blocks",
     }
-    probe = ["/usr/bin/python3", str(ROOT / "tests/companion_probe.py"), *options, *map(str, paths)]
-    command = ["xvfb-run", "-a", *probe]
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=100, check=False
-    )
+    probe = ["/usr/bin/python3", ROOT / "tests/companion_probe.py", *options, *paths]
+    done = ran("xvfb-run", "-a", *probe, cwd=folder, env=environment, limit_s=100)
     lines = [line for line in done.stdout.splitlines() if line.startswith("PROBE ")]
     assert len(lines) == 1, f"the companion ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     return json.loads(lines[0].removeprefix("PROBE "))
@@ -115,18 +112,6 @@ def test_sections_have_titles(seen, path):
     assert all(b["states"]["coordinate"][1] > top for b in signal)
 
 
-def test_button_runs_the_flowgraph_and_the_console_shows_the_scores(tmp_path):
-    """In the environment of `make grc`, with nothing installed."""
-    path = Path(shutil.copy(ROOT / "flowgraphs/bring_your_own.grc", tmp_path))
-    report = companion(tmp_path, [path], str(ROOT / "grc"), "--run")
-    console = report["console"]
-    assert ">>> Done" in console and "Traceback" not in console
-    rows = [line.split() for line in console.splitlines()]
-    scores = {row[1][:-1]: int(row[2]) for row in rows if len(row) == 5 and row[3:] == ["of", "150"]}
-    assert list(scores) == ["mine", "none", "whitening", "tcae"]
-    assert scores["none"] < scores["mine"] < scores["whitening"]
-
-
 def test_button_on_the_simulated_bench_shows_the_scores(tmp_path):
     path = Path(shutil.copy(ROOT / "flowgraphs/ota_sim.grc", tmp_path))
     console = companion(tmp_path, [path], str(ROOT / "grc"), "--run")["console"]
@@ -156,30 +141,18 @@ def test_a_wrong_scene_is_the_first_error_of_a_flowgraph(path):
         assert others == []
 
 
-@pytest.mark.parametrize("name", ["ota_b210", "ota_live"])
-def test_button_transmits_nothing_by_default(tmp_path, name):
+def test_button_transmits_nothing_by_default(tmp_path):
     """As shipped, with gr-uhd itself: the interlock ends the run before a radio is looked for."""
-    path = Path(shutil.copy(ROOT / f"flowgraphs/{name}.grc", tmp_path))
+    path = Path(shutil.copy(ROOT / "flowgraphs/ota_b210.grc", tmp_path))
     console = companion(tmp_path, [path], str(ROOT / "grc"), "--run")["console"]
-    assert f"\n{name}: transmit refused: 4.2-4.4 GHz is a safety-of-life band" in console
+    assert "\nota_b210: transmit refused: 4.2-4.4 GHz is a safety-of-life band" in console
     assert "(return code 2)" in console  # one line, and an end that tells
     assert "Traceback" not in console and "No devices found" not in console
 
 
 def test_make_grc_sets_this_environment():
     """What the tests above set by hand is what the target hands to the companion."""
-    done = subprocess.run(
-        ["make", "-n", "grc", "FLOWGRAPH=it.grc"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    (line,) = (line for line in done.stdout.replace("\\\n", " ").splitlines() if line.endswith(" it.grc"))
-    for part in (
-        f'PYTHONPATH="{ROOT}/python:',
-        f'GRC_BLOCKS_PATH="{ROOT}/grc',
-        "GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null",
-    ):
-        assert part in line
+    made = ran("make", "-n", "grc", "FLOWGRAPH=it.grc", cwd=ROOT).stdout.replace("\\\n", " ").splitlines()
+    (line,) = (line for line in made if line.endswith(" it.grc"))
+    assert f'PYTHONPATH="{ROOT}/python:' in line and f'GRC_BLOCKS_PATH="{ROOT}/grc' in line
+    assert "GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null" in line

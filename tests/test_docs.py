@@ -1,18 +1,19 @@
 """Pages that are made from the code are what the code says, and their programs run."""
 
+import csv
 import importlib.util
 import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import yaml
+from waiting import ran_python
 
 from radalt.core.receiver.altimeter import Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
+from radalt.evaluation.results.break_point import break_point
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +46,7 @@ def test_every_key_of_every_shipped_scene_is_in_the_reference(root, reference):
 def test_the_first_flowgraph_measures_more_with_whitening_than_without(root):
     """QPSK at -28 dB over half the sweep: no mitigation loses frames, whitening next to none."""
     env = os.environ | {"PYTHONPATH": str(root / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
-    done = subprocess.run(
-        [sys.executable, str(root / "examples/first_flowgraph.py")],
-        env=env, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = ran_python(root / "examples/first_flowgraph.py", env=env)
     assert done.returncode == 0, done.stderr
     pattern = r"^(\w+) +(\d+) frames, declared (\d+), within 5 m (\d+)$"
     rows = {
@@ -67,10 +65,7 @@ def test_own_samples_are_measured_from_the_altitude_of_the_first_sweeps(root, tm
     samples += 0.3 * rng.normal(size=(samples.size, 2)).view(complex).ravel()
     samples.astype(np.complex64).tofile(tmp_path / "samples.cf32")
     env = os.environ | {"PYTHONPATH": str(root / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
-    done = subprocess.run(
-        [sys.executable, str(root / "examples/own_samples.py"), str(tmp_path / "samples.cf32"), "500"],
-        env=env, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = ran_python(root / "examples/own_samples.py", tmp_path / "samples.cf32", "500", env=env)
     assert done.returncode == 0, done.stderr
     count, first, last = re.search(r"(\d+) altitudes from ([\d.]+) m to ([\d.]+) m", done.stdout).groups()
     assert int(count) > 100 and abs(float(first) - 500) < 5 and abs(float(last) - 620) < 5
@@ -105,6 +100,79 @@ def test_a_models_card_says_what_the_published_rows_say(root, monkeypatch):
         text = (models / f"{stem}.md").read_text(encoding="utf-8")
         made = cards.card(stem, models, rows, sweeps, cards.time_of(text))
         assert made == text, "run: PYTHONPATH=python .venv/bin/python training/cards.py"
+
+
+def _rmse_in_the_papers_case(rows):
+    """Of no mitigation, the paper's network and ours."""
+    found = {r["method"]: r for r in rows if r["interferer"] == "qpsk_rectangular_sinr_-15"}
+    return [f"{float(found[method]['rmse_forced_m']):.2f}" for method in ("none", "paper", "compact")]
+
+
+def _worst_in_noise(rows):
+    """Largest false alarm rate, its interval and its bound, in percent."""
+    worst = max((r for r in rows if r["scene"] == "none"), key=lambda r: float(r["rate"]))
+    return [f"{100 * float(worst[key]):.2f}" for key in ("rate", "low", "high", "bound")]
+
+
+def _break_points(rows):
+    """Of a 10 MHz downlink behind the canceller, at EVM 3 and 8 %."""
+    found = []
+    for case in ("evm_3", "evm_8"):
+        mine = [r for r in rows if (r["case"], r["method"]) == (case, "ofdm_cancel")]
+        columns = ([float(r[key]) for r in mine] for key in ("sir_db", "pd", "pd_low", "pd_high"))
+        found.append(str(break_point(*columns)))
+    return found
+
+
+def _not_passed(rows):
+    return [str(sum(r["verdict"] in ("WRONG", "FAIL") for r in rows)), str(len(rows))]
+
+
+def _white_noise_at_200_ft(rows):
+    """Mean of the seeds."""
+    key = ("fmcw_150mhz", "white_noise", "none", "point", "200")
+    names = ("profile", "interferer", "method", "ground", "altitude_ft")
+    mine = [float(r["break_dbm_per_mhz"]) for r in rows if tuple(r[name] for name in names) == key]
+    return [f"{np.mean(mine):.1f}"]
+
+
+@pytest.mark.parametrize(
+    ("pages", "pattern", "table", "value"),
+    [
+        (
+            ("README.md", "docs/tcae.md"),
+            r"errs\s+by ([\d.]+) m\D*?paper's network(?:\s|[^.])*?by ([\d.]+) m(?:\s|[^.])*?by ([\d.]+) m",
+            "tcae_comparison",
+            _rmse_in_the_papers_case,
+        ),
+        (
+            ("docs/detection.md",),
+            r"at most ([\d.]+) %.*?interval ([\d.]+) to ([\d.]+) %, designed for ([\d.]+) %",
+            "detection_null",
+            _worst_in_noise,
+        ),
+        (
+            ("docs/cancellation.md",),
+            r"to (-[\d.]+) dB at an error.*?to (-[\d.]+) dB at 8 %",
+            "cancellation",
+            _break_points,
+        ),
+        (("docs/stability.md",), r"\*\*(\d+) of (\d+) pairs of case and chain", "stability", _not_passed),
+        (
+            ("docs/tolerance.md",),
+            r"loses its altitude at (-[\d.]+) dBm/MHz",
+            "tolerance",
+            _white_noise_at_200_ft,
+        ),
+    ],
+    ids=["networks", "detection", "cancellation", "stability", "tolerance"],
+)
+def test_the_first_number_of_a_page_is_that_of_its_table(root, pages, pattern, table, value):
+    with (root / f"docs/data/{table}.csv").open(newline="", encoding="utf-8") as file:
+        expected = value(list(csv.DictReader(file)))
+    for page in pages:
+        found = re.search(pattern, (root / page).read_text(encoding="utf-8"), re.DOTALL)
+        assert found and list(found.groups()) == expected, page
 
 
 def anchors(page) -> set[str]:

@@ -11,7 +11,7 @@ from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
-from radalt.core.interference.stream import JammerStream
+from radalt.core.interference.stream import Continued, JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.core.waveform import Waveform
 
@@ -55,16 +55,9 @@ BEFORE = {
     ),
     "tones": (-4.322751959 + 1.73178518j, -8.040351155 - 1.631594559j, -2.387950392 + 1.943534004j),
 }
+MIXED = {"channel_bandwidth_hz": 10e6, "modulation": "mixed", "power_spread_db": 6.0, "carrier_hz": 1234567.0}
 SCENES = {
-    "nr": {
-        "nr": {
-            "channel_bandwidth_hz": 10e6,
-            "modulation": "mixed",
-            "power_spread_db": 6.0,
-            "carrier_hz": 1234567.0,
-            "load": 0.7,
-        }
-    },
+    "nr": {"nr": MIXED | {"load": 0.7}},
     "faded": {"nr": {"multipath": {"profile": "EVA", "doppler_hz": 120.0}}},
     "qpsk": {"qpsk": {"overlap": 0.6}},
     "rrc": {"qpsk": {"pulse": "rrc", "carrier_hz": 1e6}},
@@ -130,10 +123,7 @@ def test_the_shipped_scene_with_every_effect_plays_at_its_sir():
         ({"amplifier": {"gain": 1}}, "unknown key 'interference.nr.amplifier.gain'"),
         ({"phase_noise": {"rms_deg": 61.0}}, "phase_noise.rms_deg is 61; it has to be within 0..60"),
         ({"phase_noise": {"bandwidth_hz": 0.0}}, "phase_noise.bandwidth_hz is 0;"),
-        (
-            {"oscillator": {"clock_ppm": 101.0}},
-            "oscillator.clock_ppm is 101; it has to be within -100..100",
-        ),
+        ({"oscillator": {"clock_ppm": 101.0}}, "clock_ppm is 101; it has to be within -100..100"),
         ({"oscillator": {"carrier_offset_hz": 2e5}}, "oscillator.carrier_offset_hz is 200000;"),
         ({"fading": {"profile": "TDL-Z"}}, "fading.profile 'TDL-Z' is unknown"),
         ({"fading": {}, "multipath": {}}, "multipath and fading; give one"),
@@ -376,7 +366,7 @@ def test_phase_noise_has_its_rms_and_its_autocorrelation(rms_deg, bandwidth_hz):
 @pytest.mark.parametrize("free_running", [True, False])
 def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
     """J0(2 pi f_D t) over 12 ms of streams, whether the emitter itself runs on or starts anew with every frame."""
-    doppler_hz, frames, streams, frame_s = 60.0, 13, 400, 1e-3
+    doppler_hz, frames, streams, frame_s = 60.0, 13, 200, 1e-3
     rate_hz, count = 12e3, 12  # the channel does not care how densely it is looked at
     emitter = impaired(Wave(), fading=FadingChannel(profile="EPA", doppler_hz=doppler_hz))
     heard = np.empty((streams, frames), complex)
@@ -385,7 +375,7 @@ def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
         heard[seed] = [running.samples(count, rate_hz, rng)[6] for _ in range(frames)]
     found = np.mean(heard * heard[:, :1].conj(), axis=0) / np.mean(np.abs(heard) ** 2)
     lag_s = np.arange(frames) * frame_s
-    np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.12)  # 400 draws: 0.05
+    np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.17)  # 200 draws: 0.07
 
 
 def test_fading_does_not_step_where_frames_meet():
@@ -420,3 +410,15 @@ def test_fading_keeps_the_mean_power():
     rng = np.random.default_rng(2)
     power = [np.mean(np.abs(emitter.samples(1000, RATE_HZ, rng)) ** 2) for _ in range(400)]
     assert np.mean(power) == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.parametrize(
+    ("repeats", "cycles", "again"), [(False, 0.0, None), (True, 0.0, 1.0), (True, 7.5, -1.0)]
+)
+def test_a_window_is_played_again_only_where_it_shall_and_its_carrier_goes_on(repeats, cycles, again):
+    emitter, rng = Continued(QpskEmitter(), 100, 4, repeats=repeats, cycles=cycles), np.random.default_rng(1)
+    first, second = (np.concatenate([emitter.samples(100, 7.5e6, rng) for _ in range(4)]) for _ in range(2))
+    if again is None:
+        assert abs(np.vdot(first, second)) < 0.5 * np.vdot(first, first).real
+    else:
+        np.testing.assert_allclose(second, again * first, atol=1e-12)

@@ -2,7 +2,6 @@
 
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,15 +13,14 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from waiting import end_of, wait_for, written
+from waiting import end_of, ran, ran_python, wait_for, written
 
 from radalt.evaluation.engine import command
-from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
 from radalt.evaluation.engine.pool import WorkerError
 from radalt.evaluation.engine.run import head_of, run
 from radalt.evaluation.engine.study import Point, Study
-from radalt.evaluation.results.folder import FolderError, RunFolder
+from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, Score
 
@@ -95,7 +93,7 @@ def test_rows_are_the_same_bytes_for_any_number_of_workers(whole, tmp_path):
     assert len(rows_of(whole).splitlines()) == 5
 
 
-def test_rows_stand_in_the_studys_order_whatever_order_they_came_in(tmp_path):
+def test_rows_stand_in_the_studys_order_whatever_order_they_came_in(tmp_path, measured_here):
     study = Coins()
     folder = RunFolder(tmp_path, head_of(study))
     last = study.points()[-1]
@@ -124,15 +122,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     assert rows_of(tmp_path / "run") == rows_of(whole)
 
 
-@pytest.mark.parametrize("left_out", [1, 40])
-def test_a_journal_that_was_cut_is_completed(whole, tmp_path, left_out):
-    journal = shutil.copytree(whole, tmp_path / "run") / "points.jsonl"
-    journal.write_bytes(journal.read_bytes()[:-left_out])
-    run(Coins(), Options(tmp_path / "run", resume=True, jobs=1))
-    assert rows_of(tmp_path / "run") == rows_of(whole)
-
-
-def test_rows_that_the_study_could_not_have_written_are_named_and_measured_again(whole, tmp_path, capsys):
+def test_rows_that_no_study_wrote_are_named_and_measured_again(whole, tmp_path, capsys, measured_here):
     """Sealed, but of other columns, another kind or no point: a study changed without its version, say."""
     study = Coins()
     row = study.tables["rows"].row(study.measure(study.points()[0])[0])
@@ -151,11 +141,6 @@ def test_rows_that_the_study_could_not_have_written_are_named_and_measured_again
     assert line in capsys.readouterr().out
 
 
-def test_another_seed_is_another_run(whole):
-    with pytest.raises(FolderError, match="seed is 1 there and 2 here"):
-        run(Coins(seed=2), Options(whole, resume=True))
-
-
 def test_a_point_that_hangs_ends_with_one_line_and_the_others_are_kept(tmp_path):
     with pytest.raises(WorkerError, match=r"^coin 0\.97: not done after 2 s"):
         run(Coins(hang="coin 0.97"), Options(tmp_path, jobs=1, time_limit_s=2.0))
@@ -170,27 +155,7 @@ def test_a_dry_run_says_what_it_would_cost_and_writes_nothing(tmp_path, capsys):
     assert not (tmp_path / "run").exists()
 
 
-@dataclass(frozen=True)
-class Slow(Coins):
-    """Its points take six times what it states."""
-
-    def measure(self, point):
-        end = time.process_time() + 6 * self.seconds(point)
-        while time.process_time() < end:
-            pass
-        return []
-
-    def rehearsal(self):
-        return ((self, self.points()[0]),)
-
-
-def test_a_sample_of_its_own_work_scales_the_estimate():
-    study = Slow(pause_s=0.05)
-    stated = sum(map(study.seconds, study.points()))
-    assert estimates.estimate(study, study.points(), 1) == pytest.approx(6 * stated, rel=0.3)
-
-
-def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
+def test_a_first_estimate_is_there_before_the_first_point(tmp_path, measured_here):
     seen = []
     run(Coins(), Options(tmp_path, jobs=1), seen.append)
     assert seen[0].done == 0 and seen[0].remaining_s > 0.02
@@ -243,7 +208,7 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
     assert f"go on with: {sys.executable} {tmp_path / 'program.py'} --out {tmp_path / 'run'} --resume" in err
     assert "Traceback" not in err
     printed = shlex.split(err.partition("go on with: ")[2])
-    done = subprocess.run(printed, capture_output=True, text=True, timeout=120, check=False)
+    done = ran(*printed)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(rows_of(tmp_path / "run").splitlines()) == 5  # a head and four coins
 
@@ -266,7 +231,6 @@ def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
         "    print(*({'dask', 'distributed', 'tornado'} & set(sys.modules)))\n"
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
-    command = [sys.executable, tmp_path / "program.py"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = ran_python(tmp_path / "program.py")
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
     assert len(rows_of(tmp_path / "run").splitlines()) == 2

@@ -6,10 +6,7 @@ import error_vs_runtime
 import numpy as np
 import pytest
 
-from radalt.evaluation.engine.options import Options
-from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.chain import Chain
-from radalt.evaluation.results.folder import FolderError
 from radalt.studies.runtime import study as runtime
 from radalt.studies.runtime.figure import pareto
 from radalt.studies.runtime.study import RuntimeStudy
@@ -38,23 +35,6 @@ def test_all_chains_see_the_same_frames_and_whitening_gains_on_tones():
         np.testing.assert_equal(*same)  # where nothing was detected there is no mean
     assert by["clean", "none"]["pd"] == 1.0
     assert by[TONES, "whitening"]["pd"] > by[TONES, "none"]["pd"] + 0.5
-
-
-def test_times_are_of_method_and_altimeter_together():
-    rows = list(runtime._times((Chain("none", "none"), Chain("nlms", "nlms")), (TONES,), 1))
-    assert rows[-1]["chain"] == runtime.TRANSFORM and rows[-1]["ms_method"] > 0
-    assert {r["interferer"] for r in rows} == {runtime.CLEAN, TONES}
-    frames = {1: 16, 8: 16}
-    for label in ("none", "nlms"):
-        for batch, count in frames.items():
-            mine = [r for r in rows if (r["chain"], r["batch"]) == (label, batch)]
-            assert len(mine) * batch == count  # the turn that warms up is not among them
-            assert all(r["ms_method"] >= 0 and r["ms_altimeter"] > 0 and r["round"] == 1 for r in mine)
-    middle = {
-        label: np.median([r["ms_method"] for r in rows if r["chain"] == label and r["batch"] == 1])
-        for label in ("none", "nlms")
-    }
-    assert middle["nlms"] > middle["none"]  # hundreds of block updates against a copy
 
 
 @pytest.fixture(scope="module")
@@ -98,52 +78,3 @@ def test_the_page_is_published_with_its_figure_under_the_names_of_the_documentat
     ]
     page = (report / "docs" / "error_vs_runtime.md").read_text()
     assert "](figures/error_vs_runtime.png)" in page
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [(["--models", "nowhere.onnx"], "nowhere.onnx"), (["--sir-db", "loud"], "--sir-db holds 'loud'")],
-)
-def test_what_is_not_there_is_one_line(capsys, tmp_path, arguments, expected):
-    options = [*arguments, "--frames", "2", "--rounds", "2", "--out", str(tmp_path / "run")]
-    try:
-        assert error_vs_runtime.main(options) == 2
-    except SystemExit as ended:
-        assert ended.code == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert expected in error
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.timeout(300)
-def test_a_killed_run_goes_on_and_its_errors_are_those_of_one_run(tmp_path):
-    """Stopped among the errors and again among the times: no point is measured twice."""
-    chains = (Chain("none", "none"), Chain("whitening", "whitening"))
-    study = RuntimeStudy(chains, (-15.0, -45.0), frames=6, rounds=2, interferers=(TONES,))
-    points = len(study.points())
-    measured = []
-
-    def stop_after(count):
-        def progress(p):
-            measured.extend(p.rows and [p.done])
-            if len(measured) == count:
-                raise KeyboardInterrupt
-
-        return progress
-
-    run(study, Options(tmp_path / "whole"))
-    out = tmp_path / "killed"
-    with pytest.raises(KeyboardInterrupt):
-        run(study, Options(out), stop_after(4))
-    with pytest.raises(FolderError, match="add --resume"):
-        run(study, Options(out))
-    other = RuntimeStudy(chains, (-15.0, -45.0), frames=6, rounds=2, interferers=(TONES,), seed=2)
-    with pytest.raises(FolderError, match="seed is 1 there and 2 here"):
-        run(other, Options(out, resume=True))
-    with pytest.raises(KeyboardInterrupt):
-        run(study, Options(out, resume=True), stop_after(points - 1))
-    run(study, Options(out, resume=True), stop_after(0))
-    assert measured == list(range(1, points + 1))
-    assert (out / "rows.csv").read_bytes() == (tmp_path / "whole" / "rows.csv").read_bytes()
-    assert json.loads((out / "report.json").read_text())["run"]["points_resumed"] == points - 1

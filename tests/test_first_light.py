@@ -2,6 +2,7 @@
 
 import csv
 import io
+import signal
 import zipfile
 
 import numpy as np
@@ -84,16 +85,7 @@ def test_a_healthy_bench_passes_every_step(monkeypatch, tmp_path):
         ({"gain": 0.005}, "radar: level", "more attenuation than stated"),
         ({"serials": (RADAR,)}, "devices: radios found", f"no radio {JAMMER}: UHD found {RADAR};"),
     ],
-    ids=[
-        "wrong rate",
-        "no lock",
-        "late start",
-        "dead antenna",
-        "swapped",
-        "clipping",
-        "40 dB less",
-        "one missing",
-    ],
+    ids="wrong rate,no lock,late start,dead antenna,swapped,clipping,40 dB less,one missing".split(","),
 )
 def test_each_fault_gets_its_verdict(monkeypatch, tmp_path, faults, failed, cause):
     bench, _ = a_bench(monkeypatch, tmp_path, **faults)
@@ -232,7 +224,12 @@ def test_a_strangers_zip_unpacks_nowhere_else(tmp_path, name, message, capsys):
 
 
 def test_a_bomb_and_a_lie_are_refused(tmp_path, capsys):
-    bomb, lie, none = (tmp_path / n for n in ("bomb.zip", "lie.zip", "none.zip"))
+    bomb, lie, none, broken = (tmp_path / n for n in ("bomb.zip", "lie.zip", "none.zip", "broken.zip"))
+    with zipfile.ZipFile(broken, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("report.md", "x" * 999)
+    data = bytearray(broken.read_bytes())
+    data[48:52] = b"\xff" * 4  # the first of what is compressed
+    broken.write_bytes(data)
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("report.md", "x" * (101 << 20))
     with zipfile.ZipFile(lie, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -242,7 +239,7 @@ def test_a_bomb_and_a_lie_are_refused(tmp_path, capsys):
     assert data.count(size) == 2
     lie.write_bytes(bytes(data).replace(size, (10).to_bytes(4, "little")))
     none.write_bytes(b"no zip at all")
-    for path in (bomb, lie, none, tmp_path / "absent.zip"):
+    for path in (bomb, lie, none, broken, tmp_path / "absent.zip"):
         assert command.main(["--read", str(path)]) == 2
         assert capsys.readouterr().err.startswith("first_light: ")
 
@@ -273,6 +270,30 @@ def test_an_hour_does_not_overwrite_another(tmp_path, capsys):
     assert ended.value.code == 2
     assert (tmp_path / "first.zip").read_text() == "mine"
     assert "name another --out" in capsys.readouterr().err
+
+
+def test_a_recording_too_large_for_the_bundle_is_named_in_the_report(tmp_path, monkeypatch):
+    monkeypatch.setattr(bundles, "_CAPTURE_BYTES", 10)
+    bench = Bench(parse_scene(SCENE), tmp_path / "first", simulated=True)
+    folder = bundles.open_folder(bench)
+    for name, count in (("altitudes", 9), ("radar", 8)):
+        bench._save(name, bench.scene, np.zeros(count, np.complex64), 0.0)
+    bundle = bundles.write_bundle(folder, [], "title")
+    assert "in the folder alone: altitudes, radar." in bundles.read_bundle(bundle)
+
+
+def test_ctrl_c_again_while_the_bundle_is_written_leaves_it_whole(tmp_path, monkeypatch, capsys):
+    def broken_off(bench, steps):
+        raise KeyboardInterrupt
+        yield
+
+    pages = bundles.write_pages
+    monkeypatch.setattr("radalt.evaluation.radios.first_light.perform", broken_off)
+    monkeypatch.setattr(
+        bundles, "write_pages", lambda *args: (signal.raise_signal(signal.SIGINT), pages(*args))
+    )
+    assert command.main(["--sim", "--out", str(tmp_path / "first")]) == 130
+    assert "not reached: the hour was broken off" in bundles.read_bundle(tmp_path / "first.zip")
 
 
 def test_what_a_step_cannot_use_is_a_failed_check_and_the_next_step_goes_on(tmp_path):

@@ -2,14 +2,21 @@
 
 import base64
 import os
+import resource
 import subprocess
 import sys
 
+import gallery
 import numpy as np
 import pytest
+from hostile import assert_refused, ended
+from test_engine import Coins, Options, command
+from test_fuzz import measured_here
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.waveform import Waveform
+from radalt.evaluation.commands import make_recording
+from radalt.evaluation.engine.options import check_ours
 from radalt.evaluation.results.figure import new_figure, save_figure
 from radalt.evaluation.results.folder import FolderError, RunFolder, write_json
 
@@ -70,3 +77,55 @@ def test_a_terminal_of_another_encoding_ends_no_run(root, tmp_path):
 def test_a_user_without_a_home_can_run(root, tmp_path):
     done = run(root, *RUN, tmp_path / "out", HOME="/proc/nobody")
     assert done.returncode == 0, done.stderr
+
+
+def test_a_numpy_that_gnu_radio_was_not_built_for_is_one_line(root, tmp_path):
+    """NumPy prints 50 lines of its own before the error."""
+    (tmp_path / "gnuradio/gr").mkdir(parents=True)
+    (tmp_path / "gnuradio/__init__.py").touch()
+    (tmp_path / "gnuradio/gr/__init__.py").write_text(
+        "import sys\nprint('cannot be run in\\n' * 50, file=sys.stderr)\nraise ImportError('initialization failed')\n"
+    )
+    done = run(root, *RUN, tmp_path / "out", PYTHONPATH=str(tmp_path))
+    assert_refused(done.returncode, done.stderr.decode())
+    assert f"was GNU Radio built for NumPy {np.__version__}?".encode() in done.stderr
+
+
+def test_a_limit_of_file_sizes_is_one_line_that_names_the_file(tmp_path, monkeypatch):
+    measured_here(monkeypatch)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        options = Options(tmp_path / "run", jobs=1)
+        status, error = ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert_refused(status, error)
+    assert f"{tmp_path}/run/run.json cannot be written (File too large)" in error
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [
+        (gallery, "x.png"),
+        (make_recording, "x.sigmf-meta"),
+        (make_recording, "x.sigmf-data"),
+    ],
+)
+def test_what_a_command_has_not_written_is_kept(module, name, tmp_path):
+    (tmp_path / name).write_text("mine")
+    status, error = ended(module.main, f"--out={tmp_path / name.replace('data', 'meta')}")
+    assert_refused(status, error)
+    assert f"{name} exists, and this program has not written it; move it away" in error
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_what_a_command_has_written_is_written_anew_but_not_through_a_link(tmp_path):
+    mine, out = tmp_path / "mine", tmp_path / "x.sigmf-meta"
+    for _ in range(2):
+        make_recording.write(out, np.zeros(10, complex), 1e6, "zeros")
+        check_ours(out, make_recording.AUTHOR)
+    out.rename(mine)
+    out.symlink_to(mine)
+    with pytest.raises(FileExistsError, match="has not written it"):
+        check_ours(out, make_recording.AUTHOR)

@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import shutil
 import time
 from collections import Counter
@@ -17,15 +18,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import ota_eval
+import pmt
 import pytest
 import sigmf
 import yaml
 from gnuradio import radalt
-from hostile import assert_line, assert_refused, ended
+from hostile import assert_line, assert_refused, ended, measure_here
 from test_engine import Coins, Options, command, rows_of, run
 from test_report import FolderError, finished, scene_of
 
+from gnuradio.radalt.blocks._frames import TagError, read_sent_tag, time_counter
 from radalt.core.parsing import InputError, load_yaml
+from radalt.core.programme import SentAltitudes
+from radalt.core.radio.endpoint import check_endpoint
 from radalt.core.radio.recording import RecordingError, open_capture
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.options import complain
@@ -36,7 +41,7 @@ from hypothesis import HealthCheck, given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
 SECONDS = float(os.environ.get("RADALT_FUZZ_S", 0))
-TARGETS = 8
+TARGETS = 10
 pytestmark = pytest.mark.timeout(max(120, 3 * SECONDS))
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -86,23 +91,8 @@ NUMBERS = st.one_of(
 )
 TEXTS = st.one_of(
     st.text(max_size=20),
-    st.sampled_from(
-        [
-            "",
-            "nan",
-            "inf",
-            "1e999",
-            "7.5e6",
-            "2026-13-45",
-            "1:30",
-            "none",
-            "a\0b",
-            "../..",
-            "/dev/zero",
-            "x" * 9999,
-            "\ud800",
-        ]
-    ),
+    st.sampled_from("nan inf 1e999 7.5e6 2026-13-45 1:30 none ../.. /dev/zero <script>| mine$^{x".split()),
+    st.sampled_from(["", "a\0b", "x" * 9999, "\ud800", "a\x1b[31m\nb"]),
 )
 SCALARS = st.one_of(st.none(), st.booleans(), NUMBERS, TEXTS)
 VALUES = st.recursive(
@@ -118,11 +108,7 @@ WHOLE = scene_to_mapping(
         {
             "interference": [{kind: {}} for kind in ("qpsk", "tones", "nr", "fmcw", "pulsed_radar")],
             "methods": ["none", "whitening", "blanking"],
-            "method_options": {
-                "whitening": {"exponent": 0.5},
-                "blanking": {"window": 64},
-                "lms": {"length": 32},
-            },
+            "method_options": {"whitening": {"exponent": 0.5}, "blanking": {"window": 64}},
             "sweep": {"overlap": [0, 1], "sir_db": [-10], "snr_db": [10]},
         }
     )
@@ -220,19 +206,7 @@ def test_plans(tmp_path, report):
 
 
 SHIPPED = [p.read_text() for p in sorted((ROOT / "flowgraphs/scenes").glob("*.yaml"))]
-TOKENS = [
-    *"{}[]'\"|>%#\0\n\t",
-    "&a ",
-    "*a",
-    "<<: ",
-    ": ",
-    "- ",
-    "? ",
-    "!!int ",
-    "!!python/none ",
-    "9" * 30,
-    "1:1",
-]
+TOKENS = [*"{}[]'\"|>%#\0\n\t", *"&a |*a|<<: |: |- |? |!!int |!!python/none |1:1".split("|"), "9" * 30]
 
 
 @st.composite
@@ -304,18 +278,10 @@ def recording(tmp_path_factory):
     data = folder / "it.sigmf-data"
     np.ones(9000, "<c8").tofile(data)
     scene = scene_to_mapping(parse_scene({}))
-    made = sigmf.SigMFFile(
-        data_file=str(data),
-        global_info={
-            "core:datatype": "cf32_le",
-            "core:sample_rate": 7.5e6,
-            "core:extensions": [{"name": "radalt", "version": "1.0.0", "optional": True}],
-            "radalt:scene": scene,
-            "radalt:latency_samples": 3.0,
-            "radalt:full_scale": 1.0,
-            "radalt:calibration_samples": 2.0,
-        },
-    )
+    info = {"core:datatype": "cf32_le", "core:sample_rate": 7.5e6, "radalt:scene": scene}
+    info["core:extensions"] = [{"name": "radalt", "version": "1.0.0", "optional": True}]
+    info |= {"radalt:latency_samples": 3.0, "radalt:full_scale": 1.0, "radalt:calibration_samples": 2.0}
+    made = sigmf.SigMFFile(data_file=str(data), global_info=info)
     made.add_capture(0, {"core:frequency": 4.3e9, "core:global_index": 0})
     made.add_annotation(0, 7500, {"core:label": "200 m", "radalt:altitude_m": 200.0})
     made.tofile(str(folder / "it.sigmf-meta"), overwrite=True)
@@ -369,10 +335,7 @@ def spoilable(tmp_path_factory):
 def measured_here(patch) -> None:
     """Points are measured in this process: a pool would start one an example. Nothing waits for the disk."""
     patch.setattr("radalt.evaluation.results.folder.os.fsync", lambda file: None)
-    patch.setattr(
-        "radalt.evaluation.engine.run.run_tasks",
-        lambda function, tasks, **_: ((k, function(task)) for k, task in enumerate(tasks)),
-    )
+    measure_here(patch)
 
 
 FILES = ("run.json", "points.jsonl", "rows.csv")
@@ -524,3 +487,54 @@ def test_control_messages(report):
 
     report(fuzz(check, 300, REQUESTS), "done", "refused")
     assert control.errors == 0
+
+
+HOSTS = st.sampled_from(["127.0.0.1", "localhost", "[::1]", "::1", "0.0.0.0", "*", "a b", "127.1"]) | TEXTS
+PORTS = st.sampled_from(["6557", "*", "0", "70000", "-1"]) | NUMBERS.map(lambda x: str(x)[:30])
+ENDPOINTS = st.one_of(
+    st.tuples(HOSTS, PORTS).map(lambda v: f"tcp://{v[0]}:{v[1]}"), TEXTS.map(lambda t: f"ipc://{t}"), TEXTS
+)
+
+
+def test_endpoints(report):
+    """Any text as an endpoint: of this machine, or one line."""
+
+    def check(endpoint):
+        try:
+            check_endpoint("control", endpoint, network=False)
+        except ValueError as error:
+            assert_line(str(error))
+            return "refused"
+        assert re.fullmatch(r"|(ipc|inproc)://.+|tcp://(127\.[\d.]+|localhost|\[::1\]):(\d+|\*)", endpoint)
+        return "taken"
+
+    report(fuzz(check, 200, ENDPOINTS), "taken", "refused")
+
+
+WHOLE64 = st.integers(0, 2**64 - 1) | st.integers(0, 2**40)
+TAG_VALUES = st.one_of(
+    st.tuples(WHOLE64, st.floats() | st.floats(0, 0.999)).map(
+        lambda v: pmt.make_tuple(pmt.from_uint64(v[0]), pmt.from_double(v[1]))
+    ),
+    st.lists(st.floats() | st.floats(0, 9e3), max_size=5).map(lambda v: pmt.init_f64vector(len(v), v)),
+    st.sampled_from([pmt.PMT_NIL, pmt.PMT_T, pmt.intern("x"), pmt.from_long(-1), pmt.make_tuple()]),
+)
+
+
+def test_tags(report):
+    """Any value of a tag: a counter and an altitude that can be, or one line."""
+
+    def check(value):
+        sent, ends = SentAltitudes(None), []
+        for read in (lambda: time_counter(value, 7.5e6), lambda: read_sent_tag(value, sent)):
+            try:
+                ends.append(read())
+            except TagError as error:
+                assert_line(str(error))
+        if not ends:
+            return "refused"
+        assert ends[0] is None or 0 <= ends[0] < 2**63
+        assert all(altitude_m is None or 0 <= altitude_m < np.inf for _, altitude_m in sent._changes)
+        return "read"
+
+    report(fuzz(check, 200, TAG_VALUES), "read", "refused")

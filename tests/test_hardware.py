@@ -112,21 +112,16 @@ def assert_set_up_in_order(recorded):
     assert len(after[5:]) == 3
 
 
-def test_order_and_arguments_of_the_set_up(air):
-    fly(air, a_scene())
+def test_set_up_is_in_order_altitudes_are_right_and_events_are_counted(air, monkeypatch):
+    lines, held, hold = [], [], radalt.mixture_jammer_source.hold_drive
+    seen = "hold_drive", lambda self: held.append(hold(self))
+    monkeypatch.setattr(radalt.mixture_jammer_source, *seen)
+    result = fly(air, a_scene(), log=lines.append)
     assert_set_up_in_order(air.calls)
-
-
-def test_devices_are_named_by_serial_and_master_clock(air):
-    fly(air, a_scene())
     built = {call[0]: call[2] for call in air.calls if call[1] == "construct"}
     assert built["radar Sink"] == built["radar Source"] == "serial=R,master_clock_rate=30000000"
     assert built["jammer Sink"] == "serial=J,master_clock_rate=30000000"
-
-
-def test_altitudes_are_right_and_events_are_counted(air):
-    lines = []
-    result = fly(air, a_scene(), log=lines.append)
+    assert len(held) == 1  # no live slider can make the jammer clip
     frames = result.results["none"]
     for altitude, first in ((300.0, 8), (60.0, 14)):
         trial = frames[(frames["frame_index"] >= first) & (frames["frame_index"] < first + 6)]
@@ -148,13 +143,6 @@ def test_a_live_slider_cannot_make_the_jammer_clip(air):
         jammer.set_sir_db(sir_db)
         burst = -jammer.stream.total_sir_db - 10 * np.log10(overlap)
         assert burst == pytest.approx(min(scene.burst_db, -sir_db - 10 * np.log10(overlap)))
-
-
-def test_set_up_holds_the_jammers_drive(air, monkeypatch):
-    held = []
-    monkeypatch.setattr(radalt.mixture_jammer_source, "hold_drive", lambda self: held.append(self))
-    fly(air, a_scene())
-    assert len(held) == 1
 
 
 def test_saturation_is_counted(air):
@@ -294,13 +282,6 @@ def test_the_plan_needs_no_radio_and_says_what_the_interlock_says():
     assert "jammer_usrp_sink" not in {step.block for step in plan(a_scene(jammer=False))}
 
 
-def test_a_calibration_file_that_is_none_is_named(tmp_path):
-    path = tmp_path / "calibration.yaml"
-    path.write_text("latency_samples: [1, 2]\n")
-    with pytest.raises(CalibrationError, match=r"calibration\.yaml.*calibrate anew"):
-        store_latency_samples(1.0, KEY, path)
-
-
 def test_an_entry_that_names_no_radio_is_used_for_none(tmp_path):
     path = tmp_path / "calibration.yaml"
     path.write_text("latency_samples: {30000000/7500000: 150.0}\n")
@@ -367,15 +348,8 @@ def press_run(monkeypatch, tmp_path):
         air = press.air = uhd_double.Air(ticking=True, **air_changes)
         uhd_double.install(monkeypatch, air)
         path = write_scene(scene, tmp_path / "scene.yaml")
-        options = argparse.Namespace(
-            scene_file=str(path),
-            overlap="scene",
-            sir_db="scene",
-            seed="scene",
-            endpoint="",
-            drop_when_slow=0,
-            transmit=transmit,
-        )
+        options = dict.fromkeys(("overlap", "sir_db", "seed"), "scene") | {"scene_file": str(path)}
+        options = argparse.Namespace(**options, endpoint="", drop_when_slow=0, transmit=transmit)
         sys.modules[cls.__module__].main(cls, options)
         return air
 
@@ -620,9 +594,7 @@ def test_scene_refuses_what_no_radio_can_do(radio, message):
 def test_interlock_refuses_what_only_the_whole_scene_shows(radio, message):
     with pytest.raises(InterlockError, match=message):
         require_enclosure(a_scene(**radio), True)
-
-
-def test_one_radio_needs_no_serial():
+    # one radio needs no serial
     require_enclosure(a_scene(jammer=False, radar_serial="", jammer_serial=""), True)
 
 

@@ -1,7 +1,6 @@
 """`radalt` and `gnuradio.radalt` are one package in the source tree; test_install.py asks it of an installation."""
 
-import subprocess
-import sys
+from waiting import ran_python
 
 ONE_PACKAGE = """
 import sys
@@ -34,12 +33,5 @@ def test_both_names_give_the_same_modules_whichever_comes_first(root):
     names = "import radalt", "import gnuradio.radalt"
     for first, second in (names, names[::-1]):
         code = ONE_PACKAGE.format(first=first, second=second)
-        done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", code],
-            cwd=root / "python",
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
+        done = ran_python("-W", "error", "-c", code, cwd=root / "python", limit_s=60)
         assert done.returncode == 0, done.stderr

@@ -125,11 +125,9 @@ def test_axis_accepts_lists_and_inclusive_spans():
     assert parse_axis("0:1:0.1", "--overlap") == tuple(round(0.1 * k, 9) for k in range(11))
     assert parse_axis("-10:-30:-10, -28", "--sir-db") == (-10.0, -20.0, -30.0, -28.0)
 
-
-@pytest.mark.parametrize("text", ["", "a", "1:2", "0:1:0", "0:1:-0.1", "nan", "0:1e9:1"])
-def test_axis_names_the_option_and_the_part(text):
-    with pytest.raises(ValueError, match="--overlap"):
-        parse_axis(text, "--overlap")
+    for text in ("", "a", "1:2", "0:1:0", "0:1:-0.1", "nan", "0:1e9:1"):
+        with pytest.raises(ValueError, match="--overlap"):
+            parse_axis(text, "--overlap")
 
 
 def scene_with(**sweep):

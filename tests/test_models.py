@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from math import prod
 
 import numpy as np
@@ -44,6 +45,7 @@ def scenes():
     return altitude_m, (frames + np.sqrt(0.05) * noise).astype(np.complex64)
 
 
+@cache
 def network(models, name):
     """What the network itself puts out, without the check of its inventions."""
     return create("tcae", Waveform(), model=models / f"{name}.onnx", shift_check=False)
@@ -129,33 +131,22 @@ def test_paper_model_has_the_papers_parameters(models):
     assert sum(parts.values()) == 17_290_282
 
 
-def test_compact_model_is_compact(models, compact):
+def test_shipped_models_are_small_and_are_those_that_are_tested(models, compact):
     assert sum(_parameters(models / "tcae.onnx", compact.metadata).values()) <= 1_000_000
-
-
-def test_all_models_together_stay_below_30_megabytes(models):
     assert sum(path.stat().st_size for path in models.glob("*.onnx")) < 30e6
-
-
-def test_every_shipped_model_is_one_that_is_tested(models):
     assert {path.stem for path in models.glob("*.onnx")} == set(SHIPPED)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_card_belongs_to_the_file(models, name):
+def test_model_states_its_provenance_and_its_card_belongs_to_it(models, name):
     """A card that names another hash describes another model."""
     card = (models / f"{name}.md").read_text()
-    method = create("tcae", Waveform(), model=models / f"{name}.onnx")
+    metadata = create("tcae", Waveform(), model=models / f"{name}.onnx").metadata
     assert hashlib.sha256((models / f"{name}.onnx").read_bytes()).hexdigest() in card
-    assert f"{int(method.metadata['radalt_training_examples']):,}" in card
-    assert f"{int(method.metadata['radalt_parameters']):,}" in card
+    assert f"{int(metadata['radalt_training_examples']):,}" in card
+    assert f"{int(metadata['radalt_parameters']):,}" in card
     for heading in ("Data", "Recipe", "Results", "Limits", "Licence"):
         assert f"## {heading}" in card
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_model_states_its_provenance(models, name):
-    metadata = create("tcae", Waveform(), model=models / f"{name}.onnx").metadata
     assert re.fullmatch(r"[0-9a-f]{64}", metadata["radalt_training_data_sha256"])
     assert re.match(r"[0-9a-f]{12}", metadata["radalt_git_revision"])
     assert metadata.get("radalt_placeholder", "0") == "0"

@@ -7,7 +7,6 @@ from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, inter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import MitigationError, create
-from radalt.core.mitigation.ofdm.cfo import phase_course
 from radalt.core.mitigation.ofdm.constellation import rail_index, rail_tables
 from radalt.core.mitigation.ofdm.numerology import Numerology
 from radalt.core.mitigation.ofdm.return_estimation import ReturnEstimator
@@ -58,29 +57,18 @@ def single(frames, method=None):
     return np.stack(out), most
 
 
-@pytest.mark.parametrize(
-    ("case", "sir_db", "least"),
-    [
-        ("ideal", -60, 0.9),
-        ("evm_3", -48, 0.9),
-        ("evm_5", -42, 0.9),
-        ("evm_8", -38, 0.9),
-        ("256qam", -45, 0.9),
-        ("qpsk_users", -33, 0.9),
-        ("mixed", -45, 0.9),
-        ("amplifier", -42, 0.9),
-        ("layer_20", -31, 0.8),
-        ("eva", -45, 0.9),
-        ("pa", -48, 0.9),
-        ("nr5", -36, 0.9),
-        ("nr20", -40, 0.8),
-        ("tones", -40, 0.9),
-        ("burst", -45, 0.9),
-        ("pa_moving", -34, 0.6),
-        ("precoding", -34, 0.6),
-    ],
-)
-def test_altitudes_are_right_under_real_transmitters(case, sir_db, least):
+# dB of SIR, and the least share of altitudes that are right
+CANCELLED = {
+    "ideal": (-60, 0.9), "evm_3": (-48, 0.9), "evm_5": (-42, 0.9), "evm_8": (-38, 0.9), "256qam": (-45, 0.9),
+    "qpsk_users": (-33, 0.9), "mixed": (-45, 0.9), "amplifier": (-42, 0.9), "layer_20": (-31, 0.8),
+    "eva": (-45, 0.9), "pa": (-48, 0.9), "nr5": (-36, 0.9), "nr20": (-40, 0.8), "tones": (-40, 0.9),
+    "burst": (-45, 0.9), "pa_moving": (-34, 0.6), "precoding": (-34, 0.6),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CANCELLED)
+def test_altitudes_are_right_under_real_transmitters(case):
+    sir_db, least = CANCELLED[case]
     frames, altitude_m = received(CASES[case], sir_db, 10, np.random.default_rng([3, sir_db + 99]))
     cleaned, most = single(frames)
     right, wrong = judged(cleaned, altitude_m)
@@ -217,18 +205,6 @@ def test_tones_are_least_squares(sir_db):
     assert without_tones(without) is None
 
 
-def test_symbols_fill_their_cycles():
-    for spacing_hz in (15e3, 30e3):
-        numerology = Numerology(7.5e6, spacing_hz)
-        length = numerology.per_cycle * (numerology.useful + numerology.prefix) + numerology.longer
-        assert length == pytest.approx(7.5e6 * 0.5e-3)
-        times, half_slots = numerology.times(100.0, 7500)
-        held, starts = numerology.windows(times, 7500)
-        assert len(starts) in (2 * numerology.per_cycle - 1, 2 * numerology.per_cycle)
-        assert np.abs(starts - times[held]).max() <= numerology.prefix / 3 + 1
-        assert set(np.diff(half_slots)) == {0, 1} and numerology.useful % numerology.block == 0
-
-
 def test_the_prefix_gives_time_and_cfo():
     emitter = NrEmitter(**NR10, carrier_hz=2_000.0)
     numerology = Numerology(W.rate_hz, 15e3)
@@ -239,17 +215,6 @@ def test_the_prefix_gives_time_and_cfo():
     assert found.cfo == pytest.approx(2_000 / 15e3, abs=5e-3)
     later = find_prefix(np.roll(frame, 100), numerology)
     assert (later.middle - found.middle - 100 + 30) % numerology.spacing == pytest.approx(30, abs=3)
-
-
-def test_phases_on_a_line_are_known_modulo_a_quarter_turn():
-    rng = np.random.default_rng(30)
-    times = 250 + 535.7 * np.arange(14)
-    phases = 0.4 + 3e-4 * times + np.pi / 2 * rng.integers(0, 4, 14) + 0.03 * rng.standard_normal(14)
-    phases[5] += np.pi / 4  # a symbol of points on the axes
-    start, rate = phase_course(phases, times, 535.7)
-    assert rate == pytest.approx(3e-4, abs=2e-5)
-    assert np.cos(4 * (start + rate * times - 0.4 - 3e-4 * times)).min() > 0.97
-    assert phase_course(rng.uniform(0, 6, 14), times, 535.7) is None
 
 
 @pytest.mark.parametrize("points", [16, 64, 256])
@@ -324,15 +289,6 @@ def test_integrity_one_return_and_white_noise_or_not():
     assert consistent(one * first, -10.0) < 0.1  # one half sweep alone
     assert consistent(np.where(first, one, other), -15.0) < 0.05  # two altitudes
     assert consistent(0 * one, 0.0) < 0.05  # noise alone
-
-
-def test_a_known_return_is_its_tone():
-    altitude_m = np.array([333.0])
-    frame = (0.1 * point_return(W, altitude_m) + noise(1, np.random.default_rng(3)))[0].astype(np.complex64)
-    found = ReturnEstimator(W, 1500.0, SETTINGS).estimate(frame)
-    truth = 0.1 * point_return(W, altitude_m)[0]
-    assert np.linalg.norm(found.samples - truth) < 0.5 * np.linalg.norm(truth)
-    assert found.ratios == pytest.approx([0.01 * 3750] * 2, rel=0.6)
 
 
 def test_what_does_not_fit_is_one_line():

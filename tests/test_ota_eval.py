@@ -10,7 +10,7 @@ from pathlib import Path
 
 import ota_eval
 import pytest
-from waiting import end_of, wait_for, written
+from waiting import end_of, ran_python, wait_for, written
 
 from radalt.core.scene import SweepSpec, load_scene
 from radalt.evaluation.overlap.points import sweep_points
@@ -129,9 +129,8 @@ def test_overlap_0_is_bit_for_bit_the_scene_without_interference(whole, tmp_path
 
 
 def test_a_worker_that_is_killed_ends_the_run_with_one_line_and_its_rows_kept(tmp_path):
-    process = start(
-        *SWEEP, "--altitudes", "600,40,50,60", "--frames", 20, "--out", tmp_path / "run", "--jobs", 1
-    )
+    longer = ("--altitudes", "600,40,50,60", "--frames", 20)
+    process = start(*SWEEP, *longer, "--out", tmp_path / "run", "--jobs", 1)
     wait_for((tmp_path / "run" / "rows.csv").exists, "rows.csv", process=process)
     os.kill(worker_of(process.pid), signal.SIGKILL)
     _, err = end_of(process)
@@ -181,23 +180,6 @@ def test_what_does_not_fit_is_one_line_and_code_2(capsys, monkeypatch, tmp_path,
     assert not list(tmp_path.iterdir())  # nothing is left behind
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("waveforn: {}", "unknown key 'waveforn'; did you mean 'waveform'?"),
-        ("waveform: {rate_hz: -1}", "waveform.rate_hz is -1.0; it has to be a finite number above 0"),
-        ("interference: {qpsk: {bandwidth_hz: 9.0e+6}}", "does not fit the rate"),
-        ("altimeter: {pfa_per_frame: 2}", "pfa_per_frame is 2.0"),
-        ("method_options: {magic: {}}", "method_options names 'magic'"),
-        ("{", "not valid YAML"),
-    ],
-)
-def test_a_scene_that_does_not_fit_is_one_line_and_code_2(capsys, tmp_path, text, expected):
-    (tmp_path / "scene.yaml").write_text(text, encoding="utf-8")
-    assert ota_eval.main(["--sim", "--scene", str(tmp_path / "scene.yaml")]) == 2
-    assert expected in one_line(capsys)
-
-
 def test_an_unreadable_model_is_one_line_and_code_2(capsys, tmp_path):
     (tmp_path / "bad.onnx").write_text("junk", encoding="utf-8")
     assert (
@@ -206,12 +188,13 @@ def test_an_unreadable_model_is_one_line_and_code_2(capsys, tmp_path):
     assert "bad.onnx is no readable ONNX file" in one_line(capsys)
 
 
-def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(whole, tmp_path):
+def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(
+    whole, tmp_path, measured_here
+):
     """Ten outputs at each of two altitudes; the first three after a step confirm the track. No noise to be wrong in."""
     folder = tmp_path / "tracked"
-    arguments = "--methods none,whitening,lms --overlap 0 --sir-db=-28 --altitudes 600,40 --frames 3".split()
-    code, _, err = run(*arguments, "--tracked", "--out", folder, "--jobs", 2)
-    assert code == 0, err
+    options = "--methods none,whitening,lms --overlap 0 --sir-db=-28 --altitudes 600,40 --frames 3 --jobs 1"
+    assert ota_eval.main(["--sim", *options.split(), "--tracked", "--out", str(folder)]) == 0
     report = read_report(folder)
     assert stable(folder)[1:] == [row for row in stable(whole[0])[1:] if row[2] == "0"]
     rows = {row["method"]: row for row in report["tracked"]}
@@ -224,37 +207,21 @@ def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight
     assert "| none | 20 |" in (folder / "report.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["--sim", "--bogus"], ["--sim", "--jobs", "0"], ["--sim", "--resume"], ["--tracked", "--check"]],
-)
-def test_wrong_options_are_one_line_and_code_2(capsys, arguments):
-    with pytest.raises(SystemExit) as caught:
-        ota_eval.main(arguments)
-    assert caught.value.code == 2
-    one_line(capsys)
-
-
 @pytest.mark.parametrize("program", ["ota_eval.py", "collect.py"])
 def test_the_wrong_python_is_one_line_and_code_2(root, program):
     # without site packages this very interpreter has neither GNU Radio nor NumPy
-    command = [sys.executable, "-S", str(root / "flowgraphs" / program), "x"]
-    command[-1:] = ["--sim"] if program == "ota_eval.py" else ["somewhere"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = ran_python("-S", root / "flowgraphs" / program, "--sim" if program == "ota_eval.py" else "x")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make setup" in done.stderr
 
 
-def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path):
+def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path, measured_here):
     again = tmp_path / "again"
-    code, _, err = run(*SWEEP, "--overlap", "1", "--seed", 2, "--out", again, "--jobs", 1)
-    assert code == 0, err
+    options = "--overlap", "1", "--seed", "2", "--out", str(again), "--jobs", "1"
+    assert ota_eval.main(["--sim", *SWEEP, *options]) == 0
     assert read_report(again)["ceiling"][0]["overlap"] == 0  # measured though it is not in the sweep
     assert {r["overlap"] for r in read_report(again)["rows"]} == {1.0}
-    command = [sys.executable, str(root / "flowgraphs" / "collect.py"), str(whole[0]), str(again)]
-    done = subprocess.run(
-        [*command, "--out", str(tmp_path / "all")], capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran_python(root / "flowgraphs/collect.py", whole[0], again, "--out", tmp_path / "all")
     assert (done.returncode, done.stderr) == (0, "")
     pooled = {(r["method"], r["overlap"]): r for r in read_report(tmp_path / "all")["rows"]}
     assert pooled["none", 1.0]["trials"] == 12 and pooled["none", 0.5]["trials"] == 6

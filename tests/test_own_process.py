@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radalt.core import cores
 from radalt.core.mitigation import METHODS, MitigationError, OwnProcess, create
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.watch import run_to_end
@@ -120,24 +119,6 @@ def test_one_core_computes_in_place(monkeypatch):
 
     monkeypatch.setattr(package, "allowed_cores", lambda: [3])
     assert not isinstance(create("blanking", W, own_process=True), OwnProcess)
-
-
-def test_the_interpreter_keeps_to_one_core_while_something_runs_beside_it(monkeypatch):
-    pinned = []
-    monkeypatch.setattr(cores, "_home", -1)
-    monkeypatch.setattr(cores, "_beside", 0)
-    monkeypatch.setattr(cores.os, "sched_getaffinity", lambda _: {7, 2, 4})
-    monkeypatch.setattr(cores.os, "sched_setaffinity", lambda _, chosen: pinned.append(chosen))
-    assert not cores.join_home()
-    others = cores.leave_home()
-    assert len(others) == 2
-    assert cores.leave_home() == others
-    assert cores.join_home()
-    assert pinned == [{7, 2, 4} - set(others)]
-    cores.return_home()
-    assert cores.join_home()
-    cores.return_home()
-    assert not cores.join_home()
 
 
 def test_in_a_flowgraph(tmp_path):

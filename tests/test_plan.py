@@ -1,16 +1,12 @@
 """The planner: what a scene leaves out is not built and not imported, and changes no result."""
 
-import subprocess
-import sys
+import csv
 
 import ota_eval
 import pytest
 
-from radalt.core.mitigation import create
 from radalt.core.paths import share_dir
-from radalt.core.receiver import altimeter
 from radalt.core.scene import load_scene, parse_scene
-from radalt.core.waveform import Waveform
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.flowgraph.plan import left_out, make_plan
@@ -19,35 +15,17 @@ from radalt.studies.leaving_out import study as leaving_out
 from radalt.studies.leaving_out.report import summarise
 from radalt.studies.leaving_out.scenes import CHECKED
 
-RUN = """
-import sys, tempfile
-from radalt.core.scene import parse_scene
-from radalt.evaluation.flowgraph.generate import prepare
-from radalt.evaluation.flowgraph.run import run_point
-scene = parse_scene({"altitude": {"programme_m": [200.0], "frames": 3}, "methods": ["none", "whitening"]})
-with tempfile.TemporaryDirectory() as folder:
-    result = run_point(prepare(scene, scene.methods, folder), scene)
-assert result.results["none"]["valid"].all()
-print("IMPORTED", *sys.modules)
-"""
-
 
 def scene(**data):
     return parse_scene({"altitude": {"programme_m": [300.0, 20.0], "frames": 3}, **data})
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["no interference, no mitigation", "no interference, whitening", "QPSK, whitening", *CHECKED],
-)
+@pytest.mark.parametrize("name", ["no interference, whitening", "QPSK, whitening", *CHECKED])
 def test_left_out_parts_change_no_bit_of_the_results(name):
     """Against the flowgraph with every method's chain and, where nothing interferes, a jammer that sends nothing."""
-    pruned, full = (leaving_out.run_apart(name, 2, built) for built in ("pruned", "all"))
+    pruned, full = (leaving_out.run_once(name, 2, built) for built in ("pruned", "all"))
     assert pruned["digest"] == full["digest"]
     assert pruned["declared"] == full["declared"] > 0
-    assert "onnxruntime" in full["modules"]
-    assert pruned["modules"] == ""
-    assert pruned["memory_bytes"] < full["memory_bytes"]
 
 
 @pytest.mark.timeout(300)
@@ -56,28 +34,15 @@ def test_the_report_says_what_was_saved_and_that_nothing_changed(tmp_path):
     page = run(study, Options(tmp_path)).read_text()
     assert "| no interference, whitening | none, whitening |" in page and "| yes |" in page
     assert "Imported all the same: none of onnxruntime, matplotlib, UHD, Qt." in page
+    rows = {row["built"]: row for row in csv.DictReader((tmp_path / "rows.csv").open())}
+    assert "onnxruntime" in rows["all"]["modules"] and rows["pruned"]["modules"] == ""
+    assert int(rows["pruned"]["memory_bytes"]) < int(rows["all"]["memory_bytes"])
     changed = [
         {"scene": "no interference, whitening", "built": b, "cpu_s": 1.0, "memory_bytes": 1, "digest": b}
         | {"frames": 1, "modules": ""}
         for b in ("pruned", "all")
     ]
     assert [s["identical"] for s in summarise(changed, 2)] == [False]
-
-
-def test_what_the_plan_leaves_out_is_not_imported():
-    absent = make_plan(scene(), ("none", "whitening")).absent_modules
-    assert {"onnxruntime", "matplotlib", "gnuradio.uhd", "PyQt5"} <= set(absent)
-    code = f"import sys; sys.path[:0] = {sys.path!r}\n{RUN}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
-    line = next((x for x in done.stdout.splitlines() if x.startswith("IMPORTED")), done.stderr)
-    assert line.startswith("IMPORTED"), line
-    imported = line.split()[1:]
-    for module in absent:
-        assert not [
-            m
-            for m in imported
-            if m == module or m.endswith(f".{module}") or m.startswith(f"gnuradio.{module}")
-        ]
 
 
 def test_without_interference_there_is_no_jammer_chain_and_no_second_radio():
@@ -119,35 +84,6 @@ def test_every_part_has_a_reason_and_the_flowgraph_lists_the_same():
     made = make_plan(shipped, shipped.methods)
     assert all(part.why for part in made.parts)
     assert left_out(shipped, shipped.methods) == made.left_out
-
-
-def test_methods_share_one_altimeter():
-    """Tables are made once a process, whatever the number of methods."""
-    from gnuradio.radalt import altimeter_sink
-
-    one, other = (altimeter_sink(scene(), method=m) for m in ("none", "whitening"))
-    assert one.altimeter is other.altimeter
-
-
-def test_methods_that_confirm_what_they_find_make_no_tables_of_their_own(monkeypatch):
-    """Counted: one altimeter over 1500 m for the scene's sink and both filters; the same bits as with one each."""
-    made = []
-    build = altimeter.Altimeter._build_tables
-    monkeypatch.setattr(altimeter.Altimeter, "_build_tables", lambda self: (made.append(self), build(self)))
-    settings = altimeter.AltimeterSettings(max_altitude_m=1500.0)
-    waveform = Waveform(carrier_hz=4.25e9)  # of no other test
-    measured = []
-    for shared in (True, False):
-        made.clear()
-        altimeter.shared_altimeter.cache_clear()
-        sink = altimeter.shared_altimeter(waveform, settings)
-        for method in ("lms_reference_input", "nlms"):
-            if not shared:
-                altimeter.shared_altimeter.cache_clear()
-            cleaned = create(method, waveform).process(waveform.beat_shifted(700.0))
-            measured.append(sink.process(cleaned[None]).tobytes())
-        assert len(made) == (1 if shared else 3)
-    assert measured[:2] == measured[2:]
 
 
 def test_plan_is_printed_and_nothing_runs(capsys):

@@ -9,7 +9,6 @@ from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from radalt.core.mitigation import MitigationError, create
-from radalt.core.mitigation.qpsk.pulse_estimation import SymbolTrain
 from radalt.core.mitigation.qpsk.settings import DEFAULTS
 from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
 from radalt.core.receiver.altimeter import Altimeter
@@ -92,7 +91,7 @@ def test_a_scene_names_it():
 # -- its cancellation -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sir_db", [-15.0, -30.0, -45.0])
+@pytest.mark.parametrize("sir_db", [-15.0, -45.0])
 @pytest.mark.parametrize(
     "emitter",
     [
@@ -144,17 +143,6 @@ def test_slow_symbols_of_a_receiver_with_a_filter_are_not_taken_for_such(sir_db)
     frames, clean, _ = received(QpskReceivedEmitter(bandwidth_hz=0.4e6), sir_db, seed=19)
     cleaned = create("qpsk_cancel", W).process(frames)
     assert np.median(left(cleaned, clean)) < 0.3
-
-
-def test_impulses_in_segments_are_those_of_the_whole_frame():
-    rng = np.random.default_rng(20)
-    times = np.arange(60.3, N - 60, 3.745)
-    train = SymbolTrain(times, np.exp(2j * np.pi * rng.random(times.size)).astype(np.complex64), N, 64)
-    pulse = train.responses(np.hanning(64))
-    pieces = train.filtered(train.segment_transforms() * pulse)
-    whole = train.filtered(train.transforms(np.fft.ifft(train.spectrum())) * pulse)
-    wrong = np.abs(pieces - whole)[200:-200]
-    assert wrong.max() < 1e-4 * np.abs(whole).max()
 
 
 def test_echoes_belong_to_the_pulse():
@@ -243,7 +231,7 @@ def going_on(*windows, sir_db=-40.0, seed=21):
     return (clean + 10 ** (-sir_db / 20) * jam).astype(np.complex64), clean
 
 
-@pytest.mark.parametrize("sir_db", [-15.0, -45.0, -55.0])
+@pytest.mark.parametrize("sir_db", [-15.0, -55.0])
 @pytest.mark.parametrize(
     "emitter",
     [

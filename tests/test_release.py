@@ -1,10 +1,10 @@
 """One version: the package says it, everything else agrees, a tag on this commit included."""
 
 import re
-import subprocess
 
 import pytest
 import yaml
+from waiting import ran
 
 from radalt import __version__
 
@@ -20,14 +20,7 @@ def test_every_file_that_names_the_version_names_the_packages(root):
 
 
 def test_a_tag_on_this_commit_is_the_version(root):
-    tags = subprocess.run(
-        ["git", "tag", "--points-at", "HEAD"],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    ).stdout.split()
+    tags = ran("git", "tag", "--points-at", "HEAD", cwd=root).stdout.split()
     tags = [tag for tag in tags if re.fullmatch(r"v\d+\.\d+\.\d+", tag)]
     # only a release is tagged; that all files state one version is the test above, on every commit
     if not tags:

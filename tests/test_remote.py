@@ -77,25 +77,15 @@ def test_an_endpoint_that_other_machines_reach_needs_a_second_flag(endpoint):
     check_endpoint("control", endpoint, network=True)
 
 
-@pytest.mark.parametrize(
-    "endpoint", ["", "tcp://127.0.0.1:6557", "tcp://localhost:6557", "ipc://telemetry.sock", "tcp://[::1]:7"]
-)
-def test_an_endpoint_of_this_machine_needs_none(endpoint):
-    check_endpoint("control", endpoint, network=False)
-
-
-@pytest.mark.parametrize(
-    "endpoint", ["6557", "udp://127.0.0.1:1", "tcp://127.0.0.1", "tcp://127.0.0.1:1/x", "ipc://" + "x" * 999]
-)
-def test_what_is_no_endpoint_is_named(endpoint):
-    with pytest.raises(ValueError, match="expected tcp://ADDRESS:PORT"):
-        check_endpoint("control", endpoint, network=True)
-
-
-@pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:70000", "tcp://127.0.0.1:0"])
-def test_a_port_that_is_none_is_named(endpoint):
-    with pytest.raises(ValueError, match="a port is within 1..65535"):
-        check_endpoint("control", endpoint, network=False)
+def test_an_endpoint_of_this_machine_needs_none_and_what_is_no_endpoint_is_named():
+    for good in ("", "tcp://127.0.0.1:6557", "tcp://localhost:6557", "ipc://telemetry.sock", "tcp://[::1]:7"):
+        check_endpoint("control", good, network=False)
+    for bad in ("6557", "udp://127.0.0.1:1", "tcp://127.0.0.1", "tcp://127.0.0.1:1/x", "ipc://" + "x" * 999):
+        with pytest.raises(ValueError, match="expected tcp://ADDRESS:PORT"):
+            check_endpoint("control", bad, network=True)
+    for port in (70000, 0):
+        with pytest.raises(ValueError, match="a port is within 1..65535"):
+            check_endpoint("control", f"tcp://127.0.0.1:{port}", network=False)
 
 
 def test_a_request_is_read():
@@ -104,6 +94,15 @@ def test_a_request_is_read():
     assert request.changes == {"altitude_m": 200.0, "methods": ("none",)}
     with pytest.raises(RequestError, match="need a jammer"):
         parse_request(b'{"version": 1, "command": "set", "overlap": 1}', **LIMITS | {"jammer": False})
+
+
+@contextlib.contextmanager
+def client_of(endpoint):
+    """A socket that asks."""
+    with zmq.Context.instance().socket(zmq.REQ) as asking:
+        asking.setsockopt(zmq.LINGER, 0)
+        asking.connect(endpoint)
+        yield asking
 
 
 @pytest.fixture
@@ -181,9 +180,7 @@ def test_jammer_and_methods_are_set(loop):
 def test_malformed_requests_are_answered_and_change_nothing(loop):
     client, endpoints, _, _ = loop
     before = client.request("get")
-    with zmq.Context.instance().socket(zmq.REQ) as asking:
-        asking.setsockopt(zmq.LINGER, 0)
-        asking.connect(endpoints["control"])
+    with client_of(endpoints["control"]) as asking:
         for parts in (
             [b""],
             [b"{"],
@@ -218,9 +215,7 @@ def test_while_a_flowgraph_starts_the_scheduler_is_not_asked(bench):
 def test_a_message_of_many_parts_is_bounded_in_all_of_them(bench, parts):
     """The socket's own limit is on one part; what is beyond is not read on, and the next client is answered."""
     control = bench.start()
-    with zmq.Context.instance().socket(zmq.REQ) as asking:
-        asking.setsockopt(zmq.LINGER, 0)
-        asking.connect(control._control)
+    with client_of(f"ipc://{bench.address()}") as asking:
         asking.send_multipart(parts)
         wait_for(lambda: control.errors + control.refused == 1, "the counted refusal")
     assert bench.ask(b'{"version": 1, "command": "get"}')["error"].startswith("the flowgraph has not started")
@@ -348,9 +343,7 @@ def bench(tmp_path, capfd):
         return made[-1]
 
     def ask(*parts: bytes) -> dict:
-        with zmq.Context.instance().socket(zmq.REQ) as asking:
-            asking.setsockopt(zmq.LINGER, 0)
-            asking.connect(f"ipc://{tmp_path}/control{len(made) - 1}")
+        with client_of(f"ipc://{tmp_path}/control{len(made) - 1}") as asking:
             asking.send_multipart(parts)
             assert asking.poll(60_000)
             return json.loads(asking.recv())
@@ -390,9 +383,7 @@ def test_gates_close_when_the_serving_thread_hangs(bench, monkeypatch):
     opened(bench)
     hung = threading.Event()
     monkeypatch.setattr(control, "_answer", lambda parts: hung.wait(20) and "")
-    with zmq.Context.instance().socket(zmq.REQ) as asking:
-        asking.setsockopt(zmq.LINGER, 0)
-        asking.connect(control._control)
+    with client_of(f"ipc://{bench.address()}") as asking:
         asking.send(b"{}")
         closed(bench, "")
         hung.set()
@@ -406,9 +397,7 @@ def test_the_thread_survives_every_exception_and_counts_it(bench, monkeypatch):
     reply = bench.ask(b'{"version": 1, "command": "get"}')
     assert reply["ok"] is False and "ZeroDivisionError" in reply["error"]
     monkeypatch.setattr(control, "_answer", lambda parts: 1 / 0)  # not even an answer: the socket is replaced
-    with zmq.Context.instance().socket(zmq.REQ) as asking:
-        asking.setsockopt(zmq.LINGER, 0)
-        asking.connect(control._control)
+    with client_of(f"ipc://{bench.address()}") as asking:
         asking.send(b"{}")
         wait_for(lambda: control.errors == 2, "the second counted error")
     monkeypatch.undo()
@@ -511,17 +500,13 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
     )
     thread.start()
     try:
-        with zmq.Context.instance().socket(zmq.REQ) as asking:
-            asking.setsockopt(zmq.LINGER, 0)
-            asking.connect(options["control"])
+        with client_of(options["control"]) as asking:
             wait_for(lambda: len(air.loud) == 2, "power from both radios")
             if lost != "the client is silent":
                 asking.send(b"lose")
-            began = time.monotonic()
-            time.sleep(2.0)
+            # after how long is the gate's own test, which has a clock of its own
+            wait_for(lambda: time.monotonic() - max(air.loud.values()) > 0.5, "silence")
             last, taken = dict(air.loud), dict(air.taken)
-            # the gates' second, samples under way, and a machine that does other things besides
-            assert all(t - began < 1.8 for t in last.values())
             wait_for(lambda: all(air.taken[device] > taken[device] for device in taken), "zeros after it")
             assert air.loud == last
     finally:

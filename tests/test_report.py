@@ -4,19 +4,17 @@ import dataclasses
 import json
 import os
 import re
-import subprocess
 
 import numpy as np
 import pytest
-import yaml
+from waiting import ran
 
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
-from radalt.evaluation.overlap import figures
 from radalt.evaluation.overlap.points import point_seed, sweep_points
-from radalt.evaluation.overlap.pooling import PoolError, collect
+from radalt.evaluation.overlap.pooling import PoolError, collect, pool_runs, read_run
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy
@@ -51,17 +49,8 @@ def rows_of(scene, batches=1):
         trials = scene.altitude.programme.trial_frames * (batches if point.overlap else 1)
         for method in scene.methods:
             correct = correct_of(method, point, trials)
-            s = Score(
-                trials,
-                trials,
-                correct,
-                trials,
-                0,
-                0,
-                0.04 * trials + 1e4 * (trials - correct),
-                0.1,
-                0.04 * trials,
-            )
+            squared = 0.04 * trials + 1e4 * (trials - correct)
+            s = Score(trials, trials, correct, trials, 0, 0, squared, 0.1, 0.04 * trials)
             seed = point_seed(scene.seed, point)
             timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
             out.append(
@@ -117,22 +106,6 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
 # -- scenes back to mappings --------------------------------------------------------------------------------------
 
 
-def test_a_scene_written_to_yaml_reads_back_equal(root):
-    scenes = [load_scene(path) for path in sorted((root / "flowgraphs" / "scenes").glob("*.yaml"))]
-    scenes.append(
-        scene_of(
-            interference=(
-                Interferer(ToneEmitter(3), -5.0, 0.3, start=0.2),
-                Interferer(QpskEmitter(pulse="rrc")),
-            ),
-            method_options={"tcae": {"threads": 1}},
-        )
-    )
-    for scene in scenes:
-        text = yaml.safe_dump(scene_to_mapping(scene))
-        assert parse_scene(yaml.safe_load(text)) == scene
-
-
 def test_the_shipped_default_is_the_papers_case():
     scene = load_scene("paper_qpsk")
     (interferer,) = scene.interference
@@ -154,36 +127,6 @@ def test_rows_survive_the_disk_digit_by_digit(tmp_path):
     folder.close()
     again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
     assert again.done == {"a": rows[:2], "b": rows[2:4]} and again.rejected == []
-
-
-def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
-    rows = rows_of(scene_of())
-    folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", rows[:2])
-    keep = (tmp_path / "points.jsonl").read_bytes()
-    folder.add("b", rows[2:4])
-    folder.close()
-    text = (tmp_path / "points.jsonl").read_bytes()
-    for cut in range(len(keep), len(text), 7):
-        (tmp_path / "points.jsonl").write_bytes(text[:cut])
-        again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-        again.close()
-        assert set(again.done) == {"a"}
-        assert (tmp_path / "points.jsonl").read_bytes() == keep
-
-
-@pytest.mark.parametrize(
-    "change", [('"pd": 1.0', '"pd": 7.0'), ('"trials": 150', '"trials": -5'), ('"a"', '"b"')]
-)
-def test_a_row_that_was_changed_is_named_and_measured_again(tmp_path, change):
-    folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", rows_of(scene_of())[:2])
-    folder.close()
-    journal = tmp_path / "points.jsonl"
-    assert change[0] in journal.read_text(encoding="utf-8")
-    journal.write_text(journal.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
-    again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-    assert again.done == {} and again.rejected == [f"{journal}:1"]
 
 
 def test_rows_of_another_seed_do_not_hold(tmp_path):
@@ -208,13 +151,6 @@ def test_a_pipe_in_the_folder_is_not_waited_at(tmp_path, name):
 
 
 # -- one run, one folder ------------------------------------------------------------------------------------------
-
-
-def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
-    finished(tmp_path / "a", scene_of())
-    with pytest.raises(FolderError, match="holds a run already; add --resume"):
-        RunFolder(tmp_path / "a", head_of(scene_of()))
-    RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
 
 
 @pytest.mark.parametrize("name", ["report.md", "scene.yaml", "rows.csv", "thesis.tex"])
@@ -265,9 +201,13 @@ def test_resume_refuses_another_model_of_the_same_name_and_other_versions(tmp_pa
 # -- report -------------------------------------------------------------------------------------------------------
 
 
-def test_the_report_says_all_that_it_has_to(tmp_path):
-    out = finished(tmp_path / "a", scene_of(), whole=True)
-    report = read_report(out)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
+
+
+def test_the_report_says_all_that_it_has_to(whole):
+    report = read_report(whole)
     assert report["schema"] == SCHEMA and report["seed"] == 1
     assert parse_scene(report["scene"]) == scene_of()
     needed = (
@@ -283,20 +223,20 @@ def test_the_report_says_all_that_it_has_to(tmp_path):
     assert {r["method"] for r in report["ceiling"]} == set(METHODS) and len(report["ceiling"]) == 2
     assert 0.01 < report["bounds"][0]["altitude_crb_m"] < 0.1  # 10 dB SNR: about 3 cm
     for name in report["figures"]:
-        assert (out / name).read_bytes().startswith(b"\x89PNG")
-    text = (out / "report.md").read_text(encoding="utf-8")
+        assert (whole / name).read_bytes().startswith(b"\x89PNG")
+    text = (whole / "report.md").read_text(encoding="utf-8")
     for part in ("SIR \N{MINUS SIGN}28 dB", "95 % Wilson", "Cram", "left out", "m.onnx", "real-time factor"):
         assert part in text
     assert "placeholder" not in text
 
 
-def test_a_placeholder_model_is_said_in_the_report(tmp_path):
+def test_a_placeholder_model_is_said_and_names_from_a_scene_stay_text(tmp_path):
     methods = METHODS | {"tcae": METHODS["tcae"] | {"placeholder": True}}
-    text = (finished(tmp_path / "a", scene_of(), methods, whole=True) / "report.md").read_text(
-        encoding="utf-8"
-    )
-    assert "The model of tcae (m.onnx) is a placeholder" in text
-    assert "never came out" not in text
+    out = finished(tmp_path / "a", scene_of(name="<b>&case"), methods, whole=True)
+    text = (out / "report.md").read_text(encoding="utf-8")
+    assert "The model of tcae (m.onnx) is a placeholder" in text and "never came out" not in text
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<b>&case" not in page and "&lt;b&gt;&amp;case" in page
 
 
 def test_break_points_are_interpolated_and_gains_are_against_none():
@@ -315,33 +255,8 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
 # -- figures ------------------------------------------------------------------------------------------------------
 
 
-def test_methods_differ_in_colour_marker_and_line_so_that_grey_print_suffices():
-    methods = ["none", "lms", "lms_reference_input", "nlms", "whitening", "blanking", "tcae", "mine", "other"]
-    styles = [series_style(m, methods) for m in methods]
-    for key in ("color", "marker", "label"):
-        assert len({str(s[key]) for s in styles}) == len(methods)
-    # the line alone tells all but the two headline series apart, which differ in marker and darkness
-    assert len({str(s["linestyle"]) for s in styles}) == len(methods) - 1
-
-
 def test_a_method_looks_the_same_whatever_else_is_drawn():
     assert series_style("tcae", ["tcae"]) == series_style("tcae", ["none", "mine", "tcae"])
-
-
-def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
-    drawn = []
-    original = figures._plot
-    monkeypatch.setattr(figures, "_plot", lambda axis, *rest: (drawn.append(rest), original(axis, *rest)))
-    rows = rows_of(scene_of())
-    figures.draw_pd(rows, tmp_path / "a.png", title="t")
-    assert len(drawn) == 4  # two panels of two methods
-    x, pd, error, _, style, _ = drawn[2]
-    mine = [r for r in rows if r["sir_db"] == -28 and r["method"] == "none"]
-    assert style["label"] == "none"  # one name in options, rows and figures
-    assert np.abs(x - [0, 0.5, 1]).max() < 0.1
-    assert pd.tolist() == [r["pd"] for r in mine]
-    np.testing.assert_allclose(pd - error[0], [r["pd_low"] for r in mine])
-    np.testing.assert_allclose(pd + error[1], [r["pd_high"] for r in mine])
 
 
 # -- pooling ------------------------------------------------------------------------------------------------------
@@ -362,8 +277,7 @@ def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_pa
 def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
     a = finished(tmp_path / "a", scene_of(methods=("none",)), {"none": {}})
     b = finished(tmp_path / "b", scene_of(seed=2, sweep=SweepSpec(overlap=(0.25,), sir_db=(-28.0,))))
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    pooled, _ = pool_runs([read_run(a), read_run(b)])
     assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
 
 
@@ -491,11 +405,6 @@ def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
 # -- report.html --------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
-
-
 def test_figures_are_there_in_three_formats(whole):
     for name in ("pd_vs_overlap", "rmse_vs_overlap", "wrong_vs_overlap"):
         assert (whole / f"{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -538,11 +447,6 @@ def test_page_is_whole_and_asks_for_nothing(whole):
         assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
 
 
-def test_names_from_a_scene_stay_text(tmp_path):
-    page = finished(tmp_path / "run", scene_of(name="<b>&case"), whole=True) / "report.html"
-    assert "<b>&case" not in page.read_text() and "&lt;b&gt;&amp;case" in page.read_text()
-
-
 def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
     if browser is None:  # what is in the page is tested above without one
         pytest.skip("no Chromium here: apt install chromium")
@@ -557,9 +461,7 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
     </script></body>"""
     page = tmp_path / "page.html"
     page.write_text((whole / "report.html").read_text().replace("</body>", probe))
-    done = subprocess.run(
-        [*browser, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran(*browser, "--dump-dom", page.as_uri())
     found = dict(re.findall(r'data-(up|down|drawn)="([^"]*)"', done.stdout))
     assert found.keys() == {"up", "down", "drawn"}, done.stderr
     up, down = ([float(v) for v in found[key].split()] for key in ("up", "down"))

@@ -80,100 +80,60 @@ def test_numbers_may_be_written_as_people_write_them(text):
     assert parse_scene({"waveform": {"rate_hz": text}}).waveform.rate_hz == 7.5e6
 
 
-# (mapping, key, value, what is allowed): all three have to be in the one line
+# (YAML, key, value, what is allowed): all three have to be in the one line
 WRONG = [
-    ({"wavefrom": {}}, "'wavefrom'", "did you mean 'waveform'", "allowed: altimeter"),
-    (
-        {"waveform": {"bandwidth_mhz": 7.5}},
-        "'waveform.bandwidth_mhz'",
-        "did you mean 'bandwidth_hz'",
-        "allowed:",
-    ),
-    ({"waveform": {"rate_hz": -7.5e6}}, "waveform.rate_hz", "-7500000.0", "above 0"),
-    ({"waveform": {"rate_hz": "7.5 MHz"}}, "waveform.rate_hz", "'7.5 MHz'", "expected a number, in the unit"),
-    ({"waveform": {"rate_hz": True}}, "waveform.rate_hz", "True", "expected a number"),
-    ({"waveform": {"rate_hz": None}}, "waveform.rate_hz", "None", "expected a number"),
-    ({"waveform": {"rate_hz": float("nan")}}, "waveform.rate_hz", "nan", "finite"),
-    ({"waveform": {"centered": "maybe"}}, "waveform.centered", "'maybe'", "true or false"),
-    ({"waveform": [1, 2]}, "waveform", "[1, 2]", "expected a mapping"),
-    (
-        {"waveform": {"bandwidth_hz": 9e6}},
-        "waveform.bandwidth_hz",
-        "9e+06",
-        "lower the bandwidth or raise rate_hz",
-    ),
-    ({"altitude": {"mode": "real"}}, "altitude.mode", "'real'", "allowed: synthetic, true_delay"),
-    ({"altitude": {"frames": 2.5}}, "altitude.frames", "2.5", "whole number"),
-    ({"altitude": {"frames": 0}}, "altitude.frames", "0", "at least 1"),
-    ({"altitude": {"frames": "inf"}}, "altitude.frames", "inf", "whole number"),
-    ({"altitude": {"programme_m": [100, -5]}}, "altitude.programme_m", "-5", "0 or above"),
-    ({"altitude": {"programme_m": []}}, "altitude.programme_m", "empty", "at least one"),
-    ({"altitude": {"programme_m": [100, "high"]}}, "altitude.programme_m[1]", "'high'", "expected a number"),
-    (
-        {
-            "altitude": {
-                "programme_m": [2000],
-            },
-            "altimeter": {"max_altitude_m": 1500},
-        },
-        "programme_m",
-        "2000",
-        "raise",
-    ),
-    ({"altitude": {"vertical_speed_m_per_s": 5}}, "altitude.vertical_speed_m_per_s", "5", "mode: true_delay"),
-    ({"altitude": {"preamble_frames": 2}}, "preamble_frames", "2", "at least 6"),
-    ({"interference": {"qpsk": {"overlap": 1.2}}}, "interference.qpsk", "1.2", "0..1"),
-    ({"interference": {"qpsk": {"pulse": "gauss"}}}, "qpsk.pulse", "'gauss'", "allowed: rectangular, rrc"),
-    ({"interference": {"qpsk": {"sir": 3}}}, "'interference.qpsk.sir'", "unknown key", "allowed:"),
-    (
-        {"interference": {"laser": {}}},
-        "'interference.laser'",
-        "laser",
-        "nr, pulsed_radar, qpsk, qpsk_received, recording, tones",
-    ),
-    ({"interference": [{"qpsk": {}, "tones": {}}]}, "interference", "'qpsk'", "expected one 'kind: {...}'"),
-    ({"interference": 7}, "interference", "7", "expected a mapping"),
-    ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "0..16"),
-    ({"channel": {"drops": {"count": -1}}}, "drops", "-1", "0 or above"),
-    ({"altimeter": {"cfar": "os"}}, "'altimeter.cfar'", "unknown key", "allowed:"),
-    ({"altimeter": {"pfa_per_frame": 2.0}}, "pfa_per_frame", "2", "within"),
-    (
-        {"altimeter": {"pfa": 1e-4, "max_altitude_m": 1500}},
-        "altimeter.pfa is 0.0001",
-        "pfa_per_frame: 0.0154",
-        "give",
-    ),
-    ({"altimeter": {"pfa": "low"}}, "altimeter.pfa", "low", "number"),
-    (
-        {"altimeter": {"strategy": "best"}},
-        "altimeter.strategy",
-        "'best'",
-        "allowed: strongest, leading_edge, centroid",
-    ),
-    (
-        {"altimeter": {"max_altitude_m": 90_000}},
-        "altimeter.max_altitude_m",
-        "90000",
-        "lengthen waveform.sweep_s",
-    ),
-    ({"segmenter": {"acquisition_frames": 10}}, "segmenter.acquisition_frames", "10", "1..4"),
-    ({"methods": ["none", "magic"]}, "methods", "'magic'", "whitening"),
-    ({"method_options": {"magic": {}}}, "method_options", "'magic'", "whitening"),
-    ({"methods": [3]}, "methods[0]", "3", "expected text"),
-    ({"method_options": 5}, "method_options", "5", "mapping"),
-    ({"sweep": {"overlap": [0, 1.5]}}, "sweep.overlap", "1.5", "0..1"),
-    ({"radio": {"enclosure": "open"}}, "radio.enclosure", "'open'", "allowed: none, cabled, shielded"),
-    ({"radio": {"radar_rx_gain_db": 90}}, "radio.radar_rx_gain_db", "90", "0..76"),
-    ({"seed": "abc"}, "seed", "'abc'", "whole number"),
-    ({"seed": -1}, "seed", "-1", "0 or above"),
-    (["a", "b"], "scene", "['a', 'b']", "expected a mapping"),
+    ("wavefrom: {}", "'wavefrom'", "did you mean 'waveform'", "allowed: altimeter"),
+    ("waveform: {bandwidth_mhz: 7.5}", "'waveform.bandwidth_mhz'", "did you mean 'bandwidth_hz'", "allowed:"),
+    ("waveform: {rate_hz: -7500000.0}", "waveform.rate_hz", "-7500000.0", "above 0"),
+    ("waveform: {rate_hz: 7.5 MHz}", "waveform.rate_hz", "'7.5 MHz'", "expected a number, in the unit"),
+    ("waveform: {rate_hz: true}", "waveform.rate_hz", "True", "expected a number"),
+    ("waveform: {rate_hz: null}", "waveform.rate_hz", "None", "expected a number"),
+    ("waveform: {rate_hz: .nan}", "waveform.rate_hz", "nan", "finite"),
+    ("waveform: {centered: maybe}", "waveform.centered", "'maybe'", "true or false"),
+    ("waveform: [1, 2]", "waveform", "[1, 2]", "expected a mapping"),
+    ("waveform: {bandwidth_hz: 9.0e+6}", "waveform.bandwidth_hz", "9e+06", "the bandwidth or raise rate_hz"),
+    ("altitude: {mode: real}", "altitude.mode", "'real'", "allowed: synthetic, true_delay"),
+    ("altitude: {frames: 2.5}", "altitude.frames", "2.5", "whole number"),
+    ("altitude: {frames: 0}", "altitude.frames", "0", "at least 1"),
+    ("altitude: {frames: inf}", "altitude.frames", "inf", "whole number"),
+    ("altitude: {programme_m: [100, -5]}", "altitude.programme_m", "-5", "0 or above"),
+    ("altitude: {programme_m: []}", "altitude.programme_m", "empty", "at least one"),
+    ("altitude: {programme_m: [100, high]}", "altitude.programme_m[1]", "'high'", "expected a number"),
+    ("{altimeter: {max_altitude_m: 1500}, altitude: {programme_m: [2000]}}", "programme_m", "2000", "raise"),
+    ("altitude: {vertical_speed_m_per_s: 5}", "altitude.vertical_speed_m_per_s", "5", "mode: true_delay"),
+    ("altitude: {preamble_frames: 2}", "preamble_frames", "2", "at least 6"),
+    ("interference: {qpsk: {overlap: 1.2}}", "interference.qpsk", "1.2", "0..1"),
+    ("interference: {qpsk: {pulse: gauss}}", "qpsk.pulse", "'gauss'", "allowed: rectangular, rrc"),
+    ("interference: {qpsk: {sir: 3}}", "'interference.qpsk.sir'", "unknown key", "allowed:"),
+    ("interference: {laser: {}}", "'interference.laser'", "laser", "qpsk, qpsk_received, recording, tones"),
+    ("interference: [{qpsk: {}, tones: {}}]", "interference", "'qpsk'", "expected one 'kind: {...}'"),
+    ("interference: 7", "interference", "7", "expected a mapping"),
+    ("channel: {adc_bits: 40}", "channel.adc_bits", "40", "0..16"),
+    ("channel: {drops: {count: -1}}", "drops", "-1", "0 or above"),
+    ("altimeter: {cfar: os}", "'altimeter.cfar'", "unknown key", "allowed:"),
+    ("altimeter: {pfa_per_frame: 2.0}", "pfa_per_frame", "2", "within"),
+    ("altimeter: {max_altitude_m: 1500, pfa: 0.0001}", "pfa is 0.0001", "pfa_per_frame: 0.0154", "give"),
+    ("altimeter: {pfa: low}", "altimeter.pfa", "low", "number"),
+    ("altimeter: {strategy: best}", "altimeter.strategy", "'best'", "strongest, leading_edge, centroid"),
+    ("altimeter: {max_altitude_m: 90000}", "altimeter.max_altitude_m", "90000", "lengthen waveform.sweep_s"),
+    ("segmenter: {acquisition_frames: 10}", "segmenter.acquisition_frames", "10", "1..4"),
+    ("methods: [none, magic]", "methods", "'magic'", "whitening"),
+    ("method_options: {magic: {}}", "method_options", "'magic'", "whitening"),
+    ("methods: [3]", "methods[0]", "3", "expected text"),
+    ("method_options: 5", "method_options", "5", "mapping"),
+    ("sweep: {overlap: [0, 1.5]}", "sweep.overlap", "1.5", "0..1"),
+    ("radio: {enclosure: open}", "radio.enclosure", "'open'", "allowed: none, cabled, shielded"),
+    ("radio: {radar_rx_gain_db: 90}", "radio.radar_rx_gain_db", "90", "0..76"),
+    ("seed: abc", "seed", "'abc'", "whole number"),
+    ("seed: -1", "seed", "-1", "0 or above"),
+    ("[a, b]", "scene", "['a', 'b']", "expected a mapping"),
 ]
 
 
-@pytest.mark.parametrize(("data", "key", "value", "allowed"), WRONG, ids=[f"{w[1]}-{w[2]}" for w in WRONG])
-def test_wrong_scene_is_one_line_with_file_key_value_and_what_is_allowed(data, key, value, allowed, tmp_path):
+@pytest.mark.parametrize(("text", "key", "value", "allowed"), WRONG, ids=[f"{w[1]}-{w[2]}" for w in WRONG])
+def test_wrong_scene_is_one_line_with_file_key_value_and_what_is_allowed(text, key, value, allowed, tmp_path):
     path = tmp_path / "wrong.yaml"
-    path.write_text(yaml.safe_dump(data))
+    path.write_text(text)
     with pytest.raises(SceneError) as raised:
         load_scene(path)
     line = str(raised.value)
@@ -238,35 +198,3 @@ def test_flowgraph_parameters_override_only_what_is_set():
 def test_flowgraph_parameter_that_is_no_number_or_out_of_range_is_one_line(value, said):
     with pytest.raises(SceneError, match=said):
         scene_from_parameters("paper_qpsk", **value)
-
-
-@pytest.mark.parametrize("text", ["name: !!int '_'", "name: !!float '_'", "seed: !!int ''"])
-def test_numbers_without_a_digit_are_refused_in_one_line(tmp_path, text):
-    """Found by the fuzzer: PyYAML looks at the first character of what is left without underscores."""
-    path = tmp_path / "it.yaml"
-    path.write_text(text)
-    with pytest.raises(SceneError, match="is no (int|float)") as caught:
-        load_scene(path)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        {"altimeter": {"window": "w" * 999}},
-        {"channel": {"return_multipath": "x" * 999}},
-        {"interference": {"x" * 3000: {}}},
-        {"return": "t" * 999},
-    ],
-)
-def test_messages_are_cut_in_the_middle(data):
-    with pytest.raises(SceneError) as caught:
-        parse_scene(data)
-    assert len(str(caught.value)) <= 300
-
-
-def test_a_frame_that_no_flowgraph_holds_is_refused():
-    with pytest.raises(
-        ValueError, match=r"sweep_s 1 .*7.68 GB in a flowgraph's buffers; at most 1048576 samples"
-    ):
-        parse_scene({"waveform": {"sweep_s": 1.0}})

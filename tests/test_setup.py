@@ -2,12 +2,12 @@
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from waiting import ran
 
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 
@@ -79,10 +79,7 @@ def install(root, tmp_path):
         said.write_text("")
         environment = os.environ | {"INSTALLED": installed, "HAS": has, "SAID": str(said)}
         environment["PATH"] = f"{tmp_path}:{os.environ['PATH']}"
-        command = [str(root / "tools/install-debian-packages.sh"), "list"]
-        done = subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False
-        )
+        done = ran(root / "tools/install-debian-packages.sh", "list", cwd=tmp_path, env=environment)
         return done.returncode, done.stderr, said.read_text()
 
     return run
@@ -145,13 +142,8 @@ def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(tool,
 def test_bare_system_without_root_is_one_line(root, tmp_path):
     (tmp_path / "id").write_text("#!/bin/sh\necho 1000\n")
     (tmp_path / "id").chmod(0o755)
-    done = subprocess.run(
-        [str(root / "tools/test-debian.sh"), "trixie"],
-        env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
+    done = ran(
+        root / "tools/test-debian.sh", "trixie", env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
     )
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "needs root" in done.stderr

@@ -1,14 +1,13 @@
 """Shipped scenes: each loads, plays at its SIR through the jammer block, and runs to a report with a figure."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
+from waiting import ran_python
 
-from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.overlap.points import OverlapPoint
 from radalt.evaluation.overlap.study import OverlapStudy, capture_name
@@ -24,12 +23,6 @@ def played(source) -> np.ndarray:
     top.connect(source, sink)
     run_to_end(top, time_limit_s=60)
     return np.array(sink.data(), dtype=np.complex64).reshape(-1, 7500)
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_scene_survives_the_round_trip_through_plain_mappings(name):
-    scene = load_scene(name)
-    assert parse_scene(scene_to_mapping(scene)) == scene
 
 
 def test_every_shipped_scene_has_points_to_measure(root):
@@ -77,16 +70,6 @@ def test_jammer_blocks_meet_sir_and_overlap(block):
     np.testing.assert_array_equal(np.count_nonzero(frames, axis=1), 3000)
 
 
-def test_live_overlap_and_sir_hold_from_the_next_sweep_on():
-    scene = load_scene("tones")
-    source = radalt.tone_jammer_source(scene, sir_db=-10, frames=FRAMES)
-    source.set_overlap(0.2)
-    source.set_sir_db(-30)
-    frames = played(source)[scene.altitude.preamble_frames :].astype(np.complex128)
-    np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), 30.0, atol=0.01)
-    np.testing.assert_array_equal(np.count_nonzero(frames, axis=1), 1500)
-
-
 def test_faa_mask_states_interference_to_noise_and_sir():
     scene = parse_scene({"interference": {"faa_91_220": {"altitude_ft": 200}}})
     report = scene.interference[0].emitter.report()
@@ -107,32 +90,12 @@ def test_faa_mask_keeps_its_level_through_multipath():
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("name", "altitudes"),
-    [("nr5", "100"), ("nr10", "30"), ("tones", "100"), ("mixture", "100,30"), ("faa_mask", "30")],
+    [("mixture", "100,30"), ("faa_mask", "30")],
 )
 def test_evaluation_of_the_scene_ends_in_a_report_with_a_figure(root, tmp_path, name, altitudes):
     out = tmp_path / name
-    command = [
-        sys.executable,
-        str(root / "flowgraphs" / "ota_eval.py"),
-        "--sim",
-        "--scene",
-        name,
-        "--out",
-        str(out),
-    ]
-    command += [
-        "--overlap",
-        "0.6",
-        "--altitudes",
-        altitudes,
-        "--frames",
-        "2",
-        "--methods",
-        "none,whitening",
-        "--jobs",
-        "1",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=160, check=False)
+    words = f"--sim --scene {name} --overlap 0.6 --altitudes {altitudes} --frames 2 --methods none,whitening --jobs 1"
+    done = ran_python(root / "flowgraphs/ota_eval.py", *words.split(), "--out", out, limit_s=160)
     assert done.returncode == 0, done.stderr
     report = json.loads((out / "report.json").read_text())
     assert {row["method"] for row in report["rows"]} == {"none", "whitening"}

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.special import ndtri
 
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.deleter import Deleter
@@ -42,47 +41,6 @@ def parts_of(settings: TrackerSettings = TrackerSettings()) -> SimpleNamespace: 
     )
 
 
-def test_spectra_are_moved_by_fractions_of_a_cell_one_by_one_and_in_the_sum():
-    """Reference: linear interpolation of each frame by itself; beyond the band there is nothing to move in."""
-    tables = Integrator(FAST, 8, doppler=True, max_speed_m_per_s=150.0)  # the fewest frames there may be
-    values = np.random.default_rng(27).exponential(size=(8, 2, 60)).astype(np.float32)
-    shifts, cells = np.linspace(-3.3, 2.9, 8), np.arange(60)
-    expected = np.stack(
-        [
-            [np.interp(cells + shift, cells, half) for half in frame]
-            for shift, frame in zip(shifts, values, strict=True)
-        ]
-    )
-    inner = slice(4, 56)
-    np.testing.assert_allclose(tables.moved(values, shifts)[..., inner], expected[..., inner], atol=1e-5)
-    total = tables.moved_sums(values, shifts[None])[0]
-    np.testing.assert_allclose(total[..., inner], expected.sum(axis=0)[..., inner], atol=1e-4)
-
-
-@pytest.mark.parametrize("doppler", [True, False])
-def test_every_row_of_the_table_stands_for_its_own_speed(doppler):
-    """By the cells that Doppler sets up and down beats apart, or by the speed that frames are moved by."""
-    tables = Integrator(FAST, 40, doppler=doppler, max_speed_m_per_s=100.0)
-    apart, moved = tables.rows[:, 1], tables.speeds[tables.rows[:, 0]]
-    step = np.diff(tables.speeds).max()
-    assert tables.speeds.max() + 0.5 * step == pytest.approx(100.0)  # half a step blurs a block by little
-    if doppler:
-        speed = W.beats_to_vertical_speed_m_per_s(apart * tables.cell_hz, 0.0)
-        assert speed.max() >= 100.0 and np.abs(moved - speed).max() < 0.75 * step
-    else:
-        speed = moved
-        assert set(apart) == {-1, 0, 1} and np.ptp(speed) == pytest.approx(2 * tables.speeds.max())
-    np.testing.assert_allclose(tables.row_speed, speed, atol=1e-6)
-
-
-def test_the_table_covers_the_span_and_half_a_resolution_cell_at_either_end():
-    tables = Integrator(FAST, 40, doppler=True, max_speed_m_per_s=100.0)
-    low, high = FAST.search_hz
-    searched = tables.beat_hz[tables.first : tables.last]
-    assert low <= searched[0] < low + tables.cell_hz and high - tables.cell_hz < searched[-1] <= high
-    np.testing.assert_allclose(tables.altitude_span_m, [-9.99, 1009.99], atol=0.01)
-
-
 def test_what_one_half_sweep_shows_alone_is_no_return():
     tables = Integrator(ALTIMETER, 40, doppler=True, max_speed_m_per_s=20.0)
     ratio = np.random.default_rng(29).exponential(size=(40, 2, tables.beat_hz.size)).astype(np.float32)
@@ -91,22 +49,6 @@ def test_what_one_half_sweep_shows_alone_is_no_return():
     assert block.table.max() > 25.0 and block.strongest().strength < 12.0
     ratio[:, 1, 150] = 30.0
     assert Block(tables, ratio, np.arange(40.0)).strongest().strength > 50.0
-
-
-def test_differences_and_the_main_lobe_of_a_return():
-    """Per frame the peak less the cell, its mean and that mean's variance; what is a cell off in one half is away."""
-    tables = Integrator(ALTIMETER, 40, doppler=True, max_speed_m_per_s=20.0)
-    ratio = np.random.default_rng(28).exponential(size=(40, 2, tables.beat_hz.size)).astype(np.float32)
-    block, row = Block(tables, ratio, np.arange(40.0)), int(np.abs(tables.row_speed).argmin())
-    found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.array([120.0, 121.0]), 9.0, row)
-    mean, variance = block.differences(found, 9)
-    for half, cell in enumerate((120, 121)):
-        apart = ratio[:, half, cell, None] - ratio[:, half, cell - 9 : cell + 10]
-        np.testing.assert_allclose(mean[half], apart.mean(axis=0), atol=1e-5)
-        np.testing.assert_allclose(variance[half], apart.var(axis=0, ddof=1) / 40, atol=1e-5)
-    away = block.away_from(found)[row]
-    one = round(tables.resolution_cells)
-    assert not away[120 - tables.first - one + 1] and away[120 - tables.first - one - 2]
 
 
 def exponential(seed: int, frames: int = 40) -> np.ndarray:
@@ -184,25 +126,6 @@ def test_a_half_that_is_pulled_once_costs_a_certain_track_nothing(resolved):
     given = [parts.updater.update(track, scan) is not None for scan in pulled]
     assert given == [resolved, False, False]
     assert track.filter.mean[1] == pytest.approx(speed, abs=0.5)
-
-
-def test_the_pair_that_has_shown_more_power_than_the_tracks_is_found_within_reach_span_and_speed():
-    """Up four cells higher shows more power, down as well three lower; both together are a speed of seven cells."""
-    evidence, everywhere = Evidence(2.0), (-20.0, 20.0)
-    mean = np.full((2, 41), 5.0)
-    mean[:, 20] = 0.0  # the track itself
-    mean[0, 20 + 4], mean[1, 20 - 3], mean[0, 20 + 9] = -2.0, -1.0, -20.0
-    evidence.add(mean, np.full((2, 41), 0.5))
-    assert evidence.better_pair(8, (-9, 9), 1.0, everywhere) == (4, -3)
-    assert evidence.better_pair(8, (-9, 4), 1.0, everywhere) == (4, 0)
-    assert evidence.better_pair(9, (-9, 9), 1.0, everywhere) == (9, 0)
-    assert evidence.better_pair(8, (-9, 4), 1.0, (-20.0, 1.0)) == (0, -3)
-    assert evidence.better_pair(8, (-2, 2), 1.0, everywhere) is None
-    assert evidence.better_pair(8, (-9, 9), 4.0, everywhere) is None  # within the main lobe
-    evidence.recentre((4, -3))
-    assert evidence.mean[0, 20] == evidence.mean[1, 20] == 0.0
-    assert evidence.mean[0, 20 - 4] == 2.0 and evidence.mean[1, 20 + 3] == 1.0
-    assert evidence.mean[0, 20 + 5] == -18.0 and evidence.variance[0, 20 + 5] == 1.0
 
 
 def test_a_young_track_moves_from_a_lobe_to_the_pair_that_its_blocks_show_with_more_power():
@@ -297,42 +220,6 @@ def test_what_one_half_is_off_by_leaves_the_altitude_once_the_speed_is_known():
         assert kalman.mean[0] == pytest.approx(left_m, abs=0.1)
 
 
-def test_evidence_is_a_mean_with_falling_weights_and_its_variance():
-    """Weights fall by 2/3 per block for a memory of two; the variance is that of a sum of independent blocks."""
-    rng = np.random.default_rng(26)
-    blocks, evidence = rng.standard_normal((5, 2, 2, 7)), Evidence(2.0)
-    for mean, variance in blocks:
-        evidence.add(mean, np.abs(variance))
-    weights = (2.0 / 3.0) ** np.arange(4, -1, -1)
-    weights /= weights.sum()
-    np.testing.assert_allclose(evidence.mean, np.einsum("k,kij->ij", weights, blocks[:, 0]))
-    np.testing.assert_allclose(evidence.variance, np.einsum("k,kij->ij", weights**2, np.abs(blocks[:, 1])))
-
-
-def test_a_rival_is_open_where_its_lead_over_the_noise_is_too_small():
-    """Both halves' differences count together, at every allowed difference of their cells, within the span alone."""
-    evidence = Evidence(2.0)
-    mean = np.full((2, 21), 5.0)
-    mean[:, 10] = 0.0  # the track itself
-    mean[0, 10 + 6] = mean[1, 10 + 4] = 0.5  # a rival five cells up whose halves are two cells apart
-    evidence.add(mean, np.full((2, 21), 0.5))
-    everywhere = (-20.0, 20.0)
-    assert evidence.farthest(4.0, (-1, 1), 1.0, everywhere) == (0.0, 0.0)
-    assert evidence.farthest(4.0, (-2, 2), 1.0, everywhere) == (5.0, 2.0)
-    assert evidence.farthest(4.0, (-2, 2), 1.0, (-20.0, 4.0)) == (0.0, 0.0)
-    assert evidence.farthest(4.0, (-2, 2), 6.0, everywhere) == (0.0, 0.0)  # within the main lobe
-    assert evidence.farthest(0.9, (-2, 2), 1.0, everywhere) == (0.0, 0.0)
-
-
-def test_speeds_that_no_two_cells_have_change_nothing():
-    """A measurement that hardly stands out of noise holds no information on its speed."""
-    evidence = Evidence(2.0)
-    evidence.add(np.full((2, 21), 5.0), np.full((2, 21), 0.5))
-    evidence.mean[:, 3] = evidence.mean[:, 15] = 0.0
-    within, beyond = (evidence.farthest(4.0, (-n, n), 1.0, (-20.0, 20.0)) for n in (20, 1000))
-    assert within == beyond == (7.0, 12.0)
-
-
 def test_a_candidate_does_not_keep_another_return_from_becoming_one():
     """The second return is stronger and comes a block later; both have a cell of their own."""
     parts = parts_of()
@@ -345,19 +232,6 @@ def test_a_candidate_does_not_keep_another_return_from_becoming_one():
     cells = sorted(float(c.latest.cells.mean()) for c in parts.initiator.candidates)
     np.testing.assert_allclose(cells, [150.0, 240.0], atol=0.2)
     assert parts.initiator.confirmed() is None  # three blocks in a row have to agree
-
-
-def test_a_deleter_ends_a_track_after_its_time_and_where_the_ground_has_stepped():
-    """A second of 40 ms blocks; a track whose place still shows something is not replaced."""
-    parts = parts_of()
-    track, candidate = started(parts, 150, 150, 42), started(parts, 240, 240, 43)
-    assert [parts.deleter.missed(track) for _ in range(26)] == 25 * [False] + [True]
-    for hits, seen, replaced in ((2, False, False), (3, True, False), (3, False, True)):
-        candidate.hits, track.seen = hits, seen
-        assert parts.deleter.replaced(track, [candidate]) is replaced
-    for nis, ends in ((7.0, False), (9.0, True)):
-        track.filter.nis = nis
-        assert parts.deleter.inconsistent(track) is ends
 
 
 @pytest.mark.parametrize("left", [12.0, 0.0])
@@ -462,21 +336,6 @@ def test_a_poor_altitude_widens_the_level_by_its_share_and_not_for_itself():
     for _ in range(20):
         last = take(1.0)  # better ones since: the old ones are forgotten as fast as the filter forgets them
     assert 1.0 < last < 1.2
-
-
-def test_the_harder_an_aircraft_may_accelerate_the_more_speeds_its_altitudes_leave_open():
-    """Four level altitudes 40 ms apart: a deviation of 0.5 m per altitude, and what an acceleration adds meanwhile."""
-    found = Measurement(500.0, 0.0, 0.25, 0.01, 40.0, np.zeros(2), 9.0, 0)
-    for acceleration in (1.0, 400.0):
-        settings = TrackerSettings(doppler=True, acceleration_m_per_s2=acceleration)
-        integrity = parts_of(settings).integrity
-        track = Track(Kalman(np.array([500.0, 0.0]), np.eye(2)), Evidence(2.0))
-        for k in range(4):
-            track.append(found, 40.0 * k)
-        slope_variance = 0.25 / np.sum((0.04 * (np.arange(4) - 1.5)) ** 2)
-        sigma = np.sqrt(slope_variance + (acceleration * 0.04 * 2.0) ** 2 + 0.01)
-        cells = int(np.ceil(-ndtri(settings.risk / 4.0) * sigma / integrity.tables.speed_per_cell))
-        assert integrity.open_cells(track) == (-cells, cells)
 
 
 @pytest.mark.parametrize("doppler_m_per_s", [15.0, -15.0])

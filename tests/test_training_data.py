@@ -2,13 +2,14 @@
 
 import itertools
 import json
-import subprocess
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from waiting import ran_python
 
+from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -24,7 +25,7 @@ def data(root):
 
     yield data
     sys.path.remove(str(root / "training"))
-    del sys.modules["data"], sys.modules["configs"]
+    del sys.modules["data"], sys.modules["configs"], sys.modules["interferers"]
 
 
 def test_an_example_is_a_function_of_seed_and_index(data):
@@ -56,13 +57,8 @@ def test_clean_part_is_the_cores_return(data):
 @pytest.mark.parametrize("kind", ["tones", "qpsk_rectangular"])
 @pytest.mark.parametrize("sir_db", [-30.0, 3.0])
 def test_interference_has_its_sir_over_the_whole_frame(data, kind, sir_db):
-    config = replace(
-        data.CONFIGS["paper"],
-        kinds=((kind, 1.0),),
-        counts=(0.0, 1.0),
-        sir_db=(sir_db, sir_db),
-        snr_db=(80.0, 80.0),
-    )
+    levels = {"sir_db": (sir_db, sir_db), "snr_db": (80.0, 80.0)}
+    config = replace(data.CONFIGS["paper"], kinds=((kind, 1.0),), counts=(0.0, 1.0), **levels)
     for index in range(4):
         received, clean, _ = data.example(config, W, 5, index)
         extra = np.mean(np.abs(received.astype(complex) - clean) ** 2)
@@ -148,32 +144,20 @@ def test_a_method_leaves_a_case_after_two_levels_at_which_it_has_failed(evaluate
 
 def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
     out = tmp_path / "out"
-    command = [
-        sys.executable,
-        str(root / "training" / "evaluate.py"),
-        "--out",
-        str(out),
-        "--methods",
-        "none,whitening",
-    ]
-    command += ["--trials", "0", "--clean-trials", "3"]
+    words = "--methods none,whitening --trials 0 --clean-trials 3".split()
     environment = {"PYTHONPATH": str(root / "python"), "PATH": "", "OMP_NUM_THREADS": "1"}
 
     def run(*more):
-        done = subprocess.run(
-            [*command, *more], capture_output=True, text=True, timeout=150, check=False, env=environment
-        )
+        command = (root / "training/evaluate.py", "--out", out, *words, *more)
+        done = ran_python(*command, limit_s=150, env=environment)
         return done.returncode, done.stderr
 
     assert run() == (0, "")
     report = json.loads((out / "report.json").read_text())
     rows = (out / "rows.csv").read_bytes()
     assert len(report["rows"]) == 2 * 10 and report["models"] == {}
-    assert {r["interferer"] for r in report["rows"]} >= {
-        "clean",
-        "qpsk_rectangular_sinr_-15",
-        "nr5, extended",
-    }
+    seen = {r["interferer"] for r in report["rows"]}
+    assert seen >= {"clean", "qpsk_rectangular_sinr_-15", "nr5, extended"}
     assert "| none | 1.000" in (out / "report.md").read_text()
     journal = (out / "points.jsonl").read_bytes()
     (out / "points.jsonl").write_bytes(journal[: int(0.6 * len(journal))])
@@ -218,16 +202,8 @@ def test_a_second_return_is_part_of_the_target(data):
     assert seen >= 4  # others lie within eight cells of the first, or 15 dB and a straddled cell below
 
 
-ONE_QPSK = {
-    "kinds": (("qpsk_rectangular", 1.0),),
-    "counts": (0.0, 1.0),
-    "sir_db": (-40.0, -40.0),
-    "snr_db": (80.0, 80.0),
-    "impaired": 0.0,
-    "empty": 0.0,
-    "converter": 0.0,
-    "front_end": 0.0,
-}
+ONE_QPSK = {"kinds": (("qpsk_rectangular", 1.0),), "counts": (0.0, 1.0), "sir_db": (-40.0, -40.0)}
+ONE_QPSK |= {"snr_db": (80.0, 80.0)} | dict.fromkeys(("impaired", "empty", "converter", "front_end"), 0.0)
 
 
 def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge(data):
@@ -325,12 +301,12 @@ def test_no_recording_is_in_both_training_and_validation(data, tmp_path, count):
 def test_training_hears_the_recordings_of_its_part_only(data, tmp_path, monkeypatch):
     heard = []
 
-    class Listed(data.RecordingEmitter):
+    class Listed(RecordingEmitter):
         def samples(self, count, rate_hz, rng):
             heard.append(self.file)
             return np.ones(count, dtype=complex)
 
-    monkeypatch.setattr(data, "RecordingEmitter", Listed)
+    monkeypatch.setattr("interferers.RecordingEmitter", Listed)
     files = tuple(recording(tmp_path, f"r{k}", k) for k in range(5))
     train, validation = data.split_recordings(files)
     config = replace(data.CONFIGS["paper"], recordings=files, counts=(0.0, 1.0), size=0)

@@ -6,10 +6,10 @@ Needs the training environment (`make train ARGS="--help"` makes it); skipped wi
 import csv
 import os
 import re
-import subprocess
 
 import numpy as np
 import pytest
+from waiting import ran
 
 from radalt.core.mitigation import create
 from radalt.core.waveform import Waveform
@@ -27,8 +27,8 @@ def training(root):
 
     def run(program, *arguments):
         environment = {**os.environ, "PYTHONPATH": str(root / "python"), "OMP_NUM_THREADS": "1"}
-        command = [python, root / "training" / program, *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=150)
+        words = (program if program == "-c" else root / "training" / program, *arguments)
+        done = ran(python, *words, cwd=root, env=environment, limit_s=150)
         return done.returncode, done.stdout, done.stderr
 
     return run
@@ -62,7 +62,7 @@ def test_a_stopped_run_goes_on_where_it_was(training, runs):
         log.write("28,112,,9.9,0.001,1.0,1.0\n29,11")
     status, said, errors = training("train.py", "compact_first", "--steps", "30", *small)
     assert status == 0, errors
-    assert "goes on from its own checkpoint at step 25" in said
+    assert "resumes from its own checkpoint at step 25" in said
     steps = [row.split(",")[0] for row in (folder / "compact_first/log.csv").read_text().splitlines()[1:]]
     assert steps == ["5", "10", "15", "20", "25", "30"]
 
@@ -115,28 +115,17 @@ def test_the_shipped_network_is_what_its_weights_export_to(training, root, tmp_p
     assert model.read_bytes() == (root / "models/tcae.onnx").read_bytes()
 
 
-def test_doubling_is_a_transposed_convolution(root):
+def test_doubling_is_a_transposed_convolution(training):
     """One convolution for even and odd columns gives what the transposed one of the same weights does."""
-    if not (root / ".venv-train/.training").is_file():
-        pytest.skip("no training environment; make train ARGS=--help makes it")
-    run = subprocess.run(
-        [root / ".venv-train/bin/python", "-c", DOUBLING],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        timeout=100,
-    )
-    assert run.returncode == 0 and float(run.stdout) < 1e-5, run.stderr
+    status, said, errors = training("-c", DOUBLING)
+    assert status == 0 and float(said) < 1e-5, errors
 
 
-def test_a_faint_return_counts_by_decibels(root):
+def test_a_faint_return_counts_by_decibels(training):
     """Of an output with little of the return, half of the power costs 3 dB; without ``faint`` it costs nothing."""
-    if not (root / ".venv-train/.training").is_file():
-        pytest.skip("no training environment; make train ARGS=--help makes it")
-    command = [root / ".venv-train/bin/python", "-c", FAINT]
-    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
-    assert run.returncode == 0, run.stderr
-    plain, faint = map(float, run.stdout.split())
+    status, said, errors = training("-c", FAINT)
+    assert status == 0, errors
+    plain, faint = map(float, said.split())
     assert plain < 0.2 and faint == pytest.approx(np.log(2.0), abs=0.25)
 
 
@@ -197,15 +186,11 @@ print(float((made - wanted).norm() / wanted.norm()), sum(p.numel() for p in net.
 """
 
 
-def test_the_authors_cnn_is_what_pytorchs_own_layers_give(root):
+def test_the_authors_cnn_is_what_pytorchs_own_layers_give(training):
     """IQ mixer, convolutions of 200 x 64 with pooling, the same mirrored; by overlap-save and reshaped pairs."""
-    if not (root / ".venv-train/.training").is_file():
-        pytest.skip("no training environment; make train ARGS=--help makes it")
-    python = root / ".venv-train/bin/python"
-    command = [python, "-c", AUTHORS_CNN]
-    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
-    assert run.returncode == 0, run.stderr
-    error, parameters = run.stdout.split()
+    status, said, errors = training("-c", AUTHORS_CNN)
+    assert status == 0, errors
+    error, parameters = said.split()
     assert float(error) < 1e-5
     # encoder and decoder, their biases, mixer and unmixer
     assert int(parameters) == 2 * (200 * 64 + 200 * 64 * 64 + 200 * 64) + (64 + 64 + 1) * 2 + 5 + 6
@@ -230,7 +215,7 @@ def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     start = ("--start", root / "models/fc.onnx", "--name", "on")
     status, said, errors = training("train.py", "fc", "--steps", "1", *start, *small)
     assert status == 0, errors
-    assert "goes on from the weights of" in said
+    assert "starts from the weights of" in said
 
 
 DYING = """
@@ -247,11 +232,6 @@ except ChildProcessError as error:
 """
 
 
-def test_a_data_process_that_dies_is_not_waited_for(root):
-    # 1.3 GB of PyTorch are no part of the set-up, as for the tests above
-    if not (root / ".venv-train/.training").is_file():
-        pytest.skip("no training environment; make train ARGS=--help makes it")
-    command = [root / ".venv-train/bin/python", "-c", DYING]
-    environment = {**os.environ, "PYTHONPATH": str(root / "python")}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=120)
-    assert "ended with status 3" in done.stdout, done.stderr
+def test_a_data_process_that_dies_is_not_waited_for(training):
+    _, said, errors = training("-c", DYING)
+    assert "ended with status 3" in said, errors

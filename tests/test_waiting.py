@@ -1,42 +1,7 @@
 """No test waits without an end: the helpers keep their limits, and every call that can hang states one."""
 
 import ast
-import subprocess
-import sys
 from pathlib import Path
-
-import pytest
-from waiting import end_of, wait_for, written
-
-PROGRAM = "import sys; print('a last word', file=sys.stderr, flush=True); {}"
-
-
-def start(rest):
-    return subprocess.Popen(
-        [sys.executable, "-c", PROGRAM.format(rest)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def test_what_does_not_come_is_named_at_the_limit_and_leaves_no_process():
-    process = start("import time; time.sleep(600)")
-    with pytest.raises(AssertionError, match="the first row: not within 0.5 s"):
-        wait_for(lambda: False, "the first row", process=process, limit_s=0.5)
-    assert process.poll() is not None
-
-
-def test_a_process_that_ends_without_it_is_told_at_once_with_its_last_words(tmp_path):
-    with pytest.raises(AssertionError, match="rows.csv: its process has ended\na last word"):
-        wait_for(written(tmp_path / "rows.csv"), "rows.csv", process=start("sys.exit(3)"))
-
-
-def test_a_process_that_does_not_end_is_killed_and_named():
-    process = start("import time; time.sleep(600)")
-    with pytest.raises(AssertionError, match="has not ended within 2 s\na last word"):
-        end_of(process, limit_s=2.0)
-    assert process.poll() is not None
 
 
 def unlimited(tree: ast.AST) -> list[str]:

@@ -7,7 +7,7 @@ import pytest
 
 from radalt.core.receiver.cramer_rao import altitude_crb_m, beat_crb_hz, vertical_speed_crb_m_per_s
 from radalt.core.returns.point import point_return
-from radalt.core.waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m, exp_cycles
+from radalt.core.waveform import Waveform, exp_cycles
 
 C = 299_792_458.0
 # B T_h is 3750 cycles, 3550.0615 cycles and 10050.25 cycles: only the first may be pasted sweep by sweep
@@ -186,22 +186,13 @@ def test_bounds_are_the_inverse_of_the_numerical_fisher_information():
     )
 
 
-def test_delay_and_altitude_are_inverse():
-    altitudes = np.array([0.0, 3.0, 1500.0])
-    np.testing.assert_allclose(delay_to_altitude_m(altitude_to_delay_s(altitudes)), altitudes, rtol=1e-15)
-    assert altitude_to_delay_s(1500.0) == pytest.approx(1.00069e-5, rel=1e-5)
-
-
 @pytest.mark.parametrize(
     ("values", "said"),
     [
         ({"bandwidth_hz": -1.0}, "waveform.bandwidth_hz is -1.0"),
         ({"rate_hz": float("nan")}, "waveform.rate_hz is nan"),
         ({"bandwidth_hz": 8e6}, "waveform.bandwidth_hz 8e\\+06 exceeds the complex rate 7.5e\\+06"),
-        (
-            {"sweep_s": 1.00003e-3},
-            "7500.23 samples; it has to be a whole even number .*: try sweep_s = 0.001",
-        ),
+        ({"sweep_s": 1.00003e-3}, "7500.23 samples; .* a whole even number .*: try sweep_s = 0.001"),
         ({"sweep_s": 1e-6}, "has to be a whole even number of at least 16"),
     ],
 )

@@ -5,12 +5,12 @@ Here it is unpacked into a folder and used with the packages of these tests, not
 
 import os
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import pytest
 from test_identity import ONE_PACKAGE
+from waiting import ran_python
 
 WITHOUT_GNU_RADIO = """
 import importlib.abc, sys
@@ -25,8 +25,7 @@ sys.meta_path.insert(0, Absent())
 @pytest.fixture(scope="module")
 def wheel(root: Path, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120, check=False)
+    done = ran_python("-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=root)
     assert done.returncode == 0, done.stderr
     (file,) = folder.iterdir()
     return file
@@ -46,15 +45,7 @@ def python(site: Path, folder: Path, *words: str, more: tuple[Path, ...] = ()) -
         name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_", "RADALT"))
     }
     env = kept | {"PYTHONPATH": os.pathsep.join(map(str, (site, *more)))}
-    return subprocess.run(
-        [sys.executable, *words],
-        cwd=folder,
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=150,
-        check=False,
-    )
+    return ran_python(*words, cwd=folder, env=env, limit_s=150)
 
 
 def test_it_is_pure_small_and_whole(root, wheel):

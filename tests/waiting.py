@@ -1,6 +1,7 @@
 """What tests that wait for something else share: a limit, and a failure that says what did not come."""
 
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +28,17 @@ def wait_for(
             reason = "its process has ended" if ended else f"not within {limit_s:g} s"
             raise AssertionError(f"{what}: {reason}{_left_of(process)}")
         time.sleep(0.02)
+
+
+def ran(*command: object, limit_s: float = 120.0, **options: object) -> subprocess.CompletedProcess[str]:
+    """A program that has ended, with what it has printed; ``options`` are those of `subprocess.run`."""
+    words = [str(word) for word in command]
+    return subprocess.run(words, capture_output=True, text=True, timeout=limit_s, check=False, **options)
+
+
+def ran_python(*words: object, **options: object) -> subprocess.CompletedProcess[str]:
+    """`ran` of this interpreter."""
+    return ran(sys.executable, *words, **options)
 
 
 def written(path: Path) -> Callable[[], bool]:

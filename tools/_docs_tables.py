@@ -1,6 +1,6 @@
-"""MkDocs hook: in the site every table of docs/data/*.csv is a page that sorts, and links to a CSV lead to that page.
+"""MkDocs hook: a page with a sortable table for every docs/data/*.csv, to which links to the CSV lead.
 
-Nothing of it is in the repository. `mkdocs.yml` names this file under `hooks`.
+The pages exist only in the built site. `mkdocs.yml` names this file under `hooks`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import jinja2
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "docs" / "data"
-# the frame of every report: its style, and the script that sorts
+# folder of the frame of every report: style, and the script that sorts
 FRAME = ROOT / "python" / "radalt" / "evaluation" / "results"
 
 PAGE = """{% extends "page.html.j2" %}{% block title %}{{ name }}{% endblock %}{% block body %}
@@ -26,7 +26,7 @@ PAGE = """{% extends "page.html.j2" %}{% block title %}{{ name }}{% endblock %}{
 
 
 def table_page(path: Path) -> str:
-    """The page of one CSV file as HTML."""
+    """Page of a CSV file as HTML."""
     with path.open(newline="", encoding="utf-8") as file:
         heads, *rows = csv.reader(file)
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(FRAME), autoescape=True)
@@ -34,7 +34,7 @@ def table_page(path: Path) -> str:
 
 
 def on_page_content(html: str, **_: object) -> str:
-    """Links to tables lead to their pages."""
+    """Let links to CSV files lead to their pages."""
     return re.sub(r'href="((?:[^":]*/)?data/[\w-]+)\.csv"', r'href="\1.html"', html)
 
 

@@ -1,4 +1,4 @@
-"""What tools that use the package import first: ``flowgraphs/`` and ``python/`` on the path, as programs have them."""
+"""First import of tools that use the package: puts ``flowgraphs/`` and ``python/`` on the path, as programs do."""
 
 import sys
 from pathlib import Path

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Is everything that the module asks of GNU Radio in a given release? Reads a git clone, needs no GNU Radio.
+"""Check that a release of GNU Radio has everything that the module uses. Reads a git clone; needs no GNU Radio.
 
     git clone https://github.com/gnuradio/gnuradio
     tools/check_gnuradio_api.py gnuradio v3.10.1.0
 
-Looked up: names of gnuradio's modules and of pmt, methods that blocks have from the gateway, methods that are called on
-radios, and blocks with their parameters in the flowgraphs. Ends with 1 and names what is missing.
+Looked up are names of gnuradio's modules and of pmt, the gateway's methods of blocks, methods of radios, and the blocks
+of the flowgraphs with their parameters. Exits with 1 after naming what is missing.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ OURS = ("radalt_", "variable", "import", "note", "parameter", "snippet", "epy_bl
 
 
 def module_names(tree: ast.AST) -> Iterator[tuple[str, str]]:
-    """(module, name) for what a file takes out of gnuradio and pmt."""
+    """(module, name) of everything that a file imports from gnuradio and pmt."""
     modules = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module == "gnuradio":
@@ -44,7 +44,7 @@ def module_names(tree: ast.AST) -> Iterator[tuple[str, str]]:
 
 
 def methods(tree: ast.AST, defined: set[str]) -> Iterator[tuple[str, str]]:
-    """("gr", name) for methods called on self that nobody here defines, ("uhd", name) for those of radios."""
+    """("gr", name) of methods called on self that the package does not define, ("uhd", name) of those of radios."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             name = node.func.attr
@@ -58,12 +58,12 @@ def methods(tree: ast.AST, defined: set[str]) -> Iterator[tuple[str, str]]:
 
 
 def used() -> set[tuple[str, str]]:
-    """(module, name) for everything that the package, its programs and its flowgraphs ask of GNU Radio."""
+    """(module, name) of everything that the package, its programs and its flowgraphs use of GNU Radio."""
     files = [*(ROOT / "python/radalt").rglob("*.py"), *(ROOT / "flowgraphs").glob("*.py")]
     trees = {file: ast.parse(file.read_text()) for file in files}
     nodes = [node for tree in trees.values() for node in ast.walk(tree)]
     defined = {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
-    # what is kept in self and called, e.g. a callable given to the constructor
+    # attributes that are called, such as a callable given to the constructor
     defined |= {
         node.attr for node in nodes if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
     }
@@ -74,7 +74,7 @@ def used() -> set[tuple[str, str]]:
         block = any(module == "gr" and name.endswith("_block") for module, name in taken)
         wanted |= {found for found in methods(tree, defined) if found[0] == "uhd" or block}
     for file in (ROOT / "flowgraphs").glob("*.grc"):
-        # `- name: ...`, `  id: ...`, `  parameters:` and its keys, as the companion writes them
+        # `- name: ...`, `  id: ...`, `  parameters:` and its keys, as GNU Radio Companion writes them
         for block, parameters in re.findall(
             r"^  id: (\w+)\n  parameters:\n((?:    .*\n|\n)+)", file.read_text(), re.M
         ):
@@ -85,12 +85,12 @@ def used() -> set[tuple[str, str]]:
     return wanted
 
 
-# parameters that the companion itself adds to blocks
+# parameters that GNU Radio Companion adds to every block
 COMMON = {"affinity", "alias", "comment", "maxoutbuf", "minoutbuf", "value", "gui_hint"}
 
 
 def main() -> int:
-    """Look everything up; 0 where all is there."""
+    """Look everything up; returns 0 if all is there."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -136,7 +136,7 @@ def main() -> int:
 
     wanted = sorted(used())
     missing = [f"{module}: {name}" for module, name in wanted if not there(module, name)]
-    # what a description does not know of the companion leaves out: a look, not a failure
+    # GNU Radio Companion ignores parameters that a description does not have: shown, but no failure
     ignored = [line for line in missing if line.count(":") == 2]
     for line in missing:
         what = "ignored by" if line in ignored else "not in"

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Does the package index have every pin for every Python? Downloads nothing and installs nothing; needs the network.
+"""Check that the package index has every pin for every Python. Downloads and installs nothing; needs the network.
 
     .venv/bin/python tools/check_pins.py                  # Python 3.10 to 3.13
     .venv/bin/python tools/check_pins.py 3.12 3.14
 
-requirements.txt and requirements-test.txt are resolved with all they depend on. Of training/requirements.txt, which
-wants Python 3.11, only the packages themselves: PyTorch depends on gigabytes. Wheels only, for this kind of machine.
+requirements.txt and requirements-test.txt are resolved with their dependencies, training/requirements.txt (Python 3.11)
+without, since those of PyTorch are gigabytes. Wheels only, for this machine's platform.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-# pip judges markers by the Python it runs in, whatever --python-version says: they are settled here
+# pip evaluates markers for its own Python, whatever --python-version says; they are evaluated here instead
 from pip._vendor.packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def wanted(file: Path, python: str) -> list[str]:
-    """Requirements of a file for one Python, markers settled."""
+    """Requirements of a file for one Python, with their markers evaluated."""
     lines = [line.split("#")[0].strip() for line in file.read_text().splitlines()]
     found = [Requirement(line) for line in lines if line]
     environment = {"python_version": python, "python_full_version": python + ".0"}
@@ -32,20 +32,11 @@ def wanted(file: Path, python: str) -> list[str]:
 
 
 def resolve(requirements: list[str], python: str, *options: str) -> str:
-    """The complaint of pip, empty where it found everything."""
+    """pip's error, empty if it found everything."""
     with tempfile.TemporaryDirectory() as nowhere:
-        command = [
-            sys.executable,
-            "-m",
-            "pip",
-            "install",
-            "-q",
-            "--dry-run",
-            "--ignore-installed",
-            "--target",
-            nowhere,
-        ]
-        command += ["--only-binary=:all:", "--python-version", python, *options, *requirements]
+        command = [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed"]
+        command += ["--target", nowhere, "--only-binary=:all:", "--python-version", python]
+        command += [*options, *requirements]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode == 0:
         return ""
@@ -53,14 +44,14 @@ def resolve(requirements: list[str], python: str, *options: str) -> str:
 
 
 def version(text: str) -> str:
-    """For ``type=``: a Python such as 3.12."""
+    """Argument ``type=`` for a version of Python."""
     if not re.fullmatch(r"3\.\d{1,2}", text):
         raise argparse.ArgumentTypeError(f"it is {text[:40]!r}; it has to be a Python such as 3.12")
     return text
 
 
 def main() -> int:
-    """Resolve for each Python; 0 where all was found."""
+    """Resolve for each Python; returns 0 if everything was found."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

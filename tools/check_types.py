@@ -1,11 +1,10 @@
 #!/usr/bin/env python3
-"""mypy over the package: no finding where `import radalt` leads, and how many are left elsewhere, by folder.
+"""mypy over the package: no finding in what `import radalt` imports, and the number of findings elsewhere by folder.
 
 .venv/bin/python tools/check_types.py          # make types
 .venv/bin/python tools/check_types.py --list   # every finding
 
-The modules without findings are those of the overrides in pyproject.toml, which are checked strictly. Ends with 1 where
-one of them has a finding.
+Modules that must have none are those of the overrides in pyproject.toml, checked strictly. Exits with 1 if one has.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ FINDING = re.compile(r"^(python/(\S+)\.py):\d+: error: .*$", re.MULTILINE)
 
 
 def strict() -> re.Pattern[str]:
-    """Which modules of the package have to be clean."""
+    """Pattern of the modules that must have no finding."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     names = re.findall(
         r'^    "(radalt[\w.*]*)",?$', text[text.index("[[tool.mypy.overrides]]") :], re.MULTILINE
@@ -31,21 +30,15 @@ def strict() -> re.Pattern[str]:
 
 
 def main() -> int:
-    """Run mypy and sort what it says."""
+    """Run mypy and sort its findings."""
     summary, _, details = (__doc__ or "").partition("\n\n")
     parser = argparse.ArgumentParser(
         description=summary, epilog=details, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--list", action="store_true", help="print every finding")
     args = parser.parse_args()
-    command = [
-        sys.executable,
-        "-m",
-        "mypy",
-        "python/radalt/core",
-        "python/radalt/api.py",
-        "python/radalt/__init__.py",
-    ]
+    checked = ("python/radalt/core", "python/radalt/api.py", "python/radalt/__init__.py")
+    command = [sys.executable, "-m", "mypy", *checked]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 1):
         print(done.stdout + done.stderr, file=sys.stderr)
@@ -57,7 +50,7 @@ def main() -> int:
         if clean.fullmatch(module):
             wrong.append(found[0])
     print("\n".join([found[0] for found in FINDING.finditer(done.stdout)] if args.list else wrong))
-    print(f"{sum(left.values())} findings, {len(wrong)} of them in modules that have to be without")
+    print(f"{sum(left.values())} findings, {len(wrong)} of them in modules that must have none")
     for folder, count in sorted(left.items()):
         print(f"  {count:4} {folder}")
     return 1 if wrong else 0

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Words of prose of each page, and how hard it reads: without code, tables, pictures and what is made by command.
+"""Words and readability of each page's prose, without code, tables and pictures; generated pages are not added up.
 
     .venv/bin/python tools/count_words.py            # docs/*.md and README.md
     .venv/bin/python tools/count_words.py CHANGELOG.md
 
-Columns: words, mean words of a sentence, Flesch reading ease (higher is easier; Flesch 1948, J. Applied Psychology 32).
+Columns: words, mean words per sentence, Flesch reading ease (higher is easier; Flesch 1948, J. Applied Psychology 32).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def measure(text: str) -> tuple[int, float, float]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print a line for each page, and the sum."""
+    """Print a line per page, and the sum."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

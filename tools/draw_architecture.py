@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The rooms of python/radalt and who imports whom, read from the code itself, as a figure.
+"""Figure of the rooms of python/radalt and their imports, read from the code.
 
-An arrow that a way over other rooms stands for is not drawn.
+Arrows that follow from others (transitive reduction) are not drawn.
 
     .venv/bin/python tools/draw_architecture.py          # docs/figures/architecture.svg
     .venv/bin/python tools/draw_architecture.py --list   # every import between rooms, for a terminal
@@ -23,11 +23,11 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "python" / "radalt"
 FIGURE = ROOT / "docs" / "figures" / "architecture.svg"
 
-# Along the signal's way: a room imports itself and what stands before it. The receiver stands before the methods, since
-# an altimeter is a function of one frame that two of them judge their own output with (docs/design.md).
+# In the order of the signal: a room imports only itself and rooms before it. The receiver stands before the methods,
+# since two of them judge their own output by an altimeter, a function of one frame (docs/design.md).
 ROOMS = (
-    "core",  # what in core/ is no room of its own: it knows of none
-    "core.radio.device",  # numbers of radios: the scene checks its own against them
+    "core",  # modules in core/ outside of its rooms
+    "core.radio.device",  # numbers of radios, against which scenes are checked
     "core.returns",
     "core.interference",
     "core.channel",
@@ -70,7 +70,7 @@ def modules(package: Path) -> dict[str, Path]:
 
 
 def imports(package: Path = PACKAGE) -> list[Import]:
-    """Every import within the package; that of a parent, which Python adds to each, is left out."""
+    """Every import within the package, without those of parents, which Python adds to each."""
     known = modules(package)
     found = []
     for name, file in known.items():
@@ -84,14 +84,14 @@ def imports(package: Path = PACKAGE) -> list[Import]:
 def _statements(node: ast.AST, lazy: bool = False) -> Iterator[tuple[ast.stmt, bool]]:
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
-            continue  # read by type checkers alone, never run
+            continue  # for type checkers only
         if isinstance(child, (ast.Import, ast.ImportFrom)):
             yield child, lazy
         yield from _statements(child, lazy or isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)))
 
 
 def _targets(node: ast.stmt, base: list[str], known: dict[str, Path], package: str) -> Iterator[str]:
-    """Modules of the package that one statement names."""
+    """Modules of the package named by a statement."""
     if isinstance(node, ast.Import):
         for alias in node.names:
             inside = _below(alias.name, package)
@@ -111,7 +111,7 @@ def _targets(node: ast.stmt, base: list[str], known: dict[str, Path], package: s
 
 
 def _below(name: str, package: str) -> str | None:
-    """A module's name below the package, by either of its names; None if it is another's."""
+    """A module's name below the package, by either name of the package; None if it is outside."""
     for prefix in (f"gnuradio.{package}", package):
         if name == prefix or name.startswith(prefix + "."):
             return name[len(prefix) + 1 :]
@@ -119,13 +119,13 @@ def _below(name: str, package: str) -> str | None:
 
 
 def room_of(module: str) -> str | None:
-    """The room a module belongs to; None for the package itself, which says nothing but its version."""
+    """The room of a module; None for the package itself, which only has its version."""
     mine = [room for room in ROOMS if module == room or module.startswith(room + ".")]
     return max(mine, key=len) if mine else None
 
 
 def between_rooms(found: Sequence[Import]) -> dict[tuple[str, str], list[Import]]:
-    """(importing room, imported room) -> its imports; within a room, and of the package itself, left out."""
+    """(importing room, imported room) -> imports, without those within a room and of the package itself."""
     arrows: dict[tuple[str, str], list[Import]] = {}
     for entry in found:
         rooms = room_of(entry.source), room_of(entry.target)
@@ -137,7 +137,7 @@ def between_rooms(found: Sequence[Import]) -> dict[tuple[str, str], list[Import]
 # -- the figure -----------------------------------------------------------------------------------------------------
 
 _COLUMN, _LINE, _GAP, _EDGE = 300, 12, 34, 16
-# rooms as wide as one of three columns; the others take all three
+# rooms as wide as one of three columns; others are as wide as all three
 _NARROW = {
     "core.radio.device": 0,
     "core.interference": 1,
@@ -151,7 +151,7 @@ _COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6", "api": "#D9
 
 
 def contents(room: str, package: Path = PACKAGE) -> str:
-    """What a room holds, by the names of its files and folders."""
+    """Names of a room's files and folders."""
     folder = package.joinpath(*room.split("."))
     if not folder.is_dir():
         return {"api": "simulate, method, evaluate, Report"}.get(room, "numbers of each type of radio")
@@ -162,7 +162,7 @@ def contents(room: str, package: Path = PACKAGE) -> str:
 
 
 def needed_arrows(arrows: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Arrows that no way over other rooms stands for (transitive reduction)."""
+    """Arrows that do not follow from others (transitive reduction)."""
     into: dict[str, set[str]] = {room: set() for room in ROOMS}
     for source, target in arrows:
         into[source].add(target)
@@ -179,12 +179,12 @@ def needed_arrows(arrows: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def draw(package: Path = PACKAGE) -> str:
-    """The figure as SVG: what imports stands above what it imports, so every arrow points down.
+    """The figure as SVG, importing rooms above imported ones, so that every arrow points down.
 
     Raises
     ------
     ValueError
-        If an import points up: there is no such figure then.
+        If an import would point up.
     """
     found = between_rooms(imports(package))
     up = [arrow for arrow in found if ROOMS.index(arrow[0]) < ROOMS.index(arrow[1])]
@@ -239,7 +239,7 @@ def _box(room: str, x: int, y: int, wide: int, high: int, lines: Sequence[str]) 
 
 
 def _arrow(source: tuple, target: tuple) -> str:
-    """From the lower edge of one box to the upper edge of another; upright where the boxes allow it."""
+    """From the lower edge of one box to the upper edge of another, vertical if possible."""
     left, right = max(source[0], target[0]), min(source[0] + source[2], target[0] + target[2])
     if right > left:
         x0 = x1 = (left + right) / 2

@@ -20,7 +20,7 @@ from radalt.core.interference.placement import interference_frames
 from radalt.core.returns.point import point_return
 from radalt.core.scene import Scene, load_scene
 from radalt.evaluation.commands import make_recording
-from radalt.evaluation.engine.options import MAX_SEED, Parser, command, number, path
+from radalt.evaluation.engine.options import MAX_SEED, Parser, check_ours, command, number, path
 from radalt.evaluation.transmitters import TRANSMITTERS, transmit
 
 PANELS = (
@@ -37,8 +37,9 @@ PANELS = (
     ("atsc", "ATSC television by GNU Radio"),
     ("dvbs2", "DVB-S2 by GNU Radio"),
 )
-SIR_DB = -20.0
-WINDOW = 128
+TITLE = "Interference gallery of gr-radalt"  # in the file's metadata
+SIR_DB = -20.0  # at which return and interference are both seen
+WINDOW = 128  # samples of a short-time transform: 17 us
 
 
 def spectrogram_db(samples: np.ndarray) -> np.ndarray:
@@ -49,7 +50,7 @@ def spectrogram_db(samples: np.ndarray) -> np.ndarray:
 
 
 def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
-    """The scene with the recording that it plays, if it plays one, made in a folder."""
+    """The scene with its recording, if it plays one, made in a folder."""
     if scene.name not in TRANSMITTERS:
         return scene
     (one,) = scene.interference
@@ -60,7 +61,7 @@ def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
 
 
 def received(scene: Scene, seed: int) -> np.ndarray:
-    """(2 N,) two sweeps: return from 200 m, interference at 60 % overlap, noise as the scene says."""
+    """(2 N,) two sweeps: return from 200 m, interference at 60 % overlap, noise of the scene."""
     w = scene.waveform
     rng = np.random.default_rng(seed)
     point = scene.at(overlap=0.6, sir_db=SIR_DB)
@@ -79,6 +80,7 @@ def draw(path: Path, seed: int) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    path.parent.mkdir(parents=True, exist_ok=True)  # first: drawing takes seconds
     figure, axes = plt.subplots(4, 3, figsize=(8.0, 8.6), sharex=True, sharey=True, constrained_layout=True)
     for axis, (name, title) in zip(axes.flat, PANELS, strict=True):
         with tempfile.TemporaryDirectory() as folder:
@@ -105,8 +107,7 @@ def draw(path: Path, seed: int) -> None:
         f"Two sweeps at the receiver: 200 m return (the triangle),\ninterference at {SIR_DB:g} dB SIR, 60 % overlap",
         fontsize=11,
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, metadata={"Title": TITLE})
 
 
 def _parser() -> Parser:
@@ -125,11 +126,12 @@ def _parser() -> Parser:
 
 @command("gallery")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw it; returns 0, or 2 after one line about what does not fit."""
+    """Draw the gallery; returns 0, or 2 after one line about an error."""
     parser = _parser()
     options = parser.parse_args(argv)
     if options.out.suffix not in (".png", ".svg", ".pdf"):
         parser.error(f"--out is {str(options.out)[-60:]!r}; it has to end in .png, .svg or .pdf")
+    check_ours(options.out, TITLE)
     draw(options.out, options.seed)
     print(options.out)
     return 0

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Flowgraphs made mechanically from the two that are drawn by hand: `make flowgraphs`.
 
-    ota_sim.grc       ota_b210.grc with the simulated channel instead of radios, at an SIR that tells methods apart
+    ota_sim.grc       ota_b210.grc with the simulated channel instead of radios, at an SIR at which methods differ
     ota_live_sim.grc  ota_live.grc likewise, at real time at most
 
 Run it after every change of ota_b210.grc or ota_live.grc; a test compares.
@@ -17,7 +17,7 @@ from typing import Any
 from radalt.evaluation.engine.options import Parser, command
 
 PROGRAM = "make_flowgraphs"
-SIR_DB = -30  # at the scene's -10 dB every method of the first run would have a Pd of 1
+SIR_DB = -30  # at the scene's -10 dB all methods of the first run have a Pd of 1
 
 
 def made() -> dict[str, dict[str, Any]]:

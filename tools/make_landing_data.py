@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Write the landing scenario's data: a synthetic approach as CSV, and synthetic terrain as DTED files.
 
-Without arguments it rewrites what is shipped in ``flowgraphs/landing/``, byte for byte: the approach to
-O'Hare runway 10C geometry, and the two one-degree cells under it, flat and hilly, as DTED level 0. Finer
-levels are made the same way where they are wanted (level 1: 2.9 MB a cell, level 2: 26 MB):
+Without arguments it rewrites the shipped files in ``flowgraphs/landing/``, byte for byte: the approach to the geometry
+of O'Hare runway 10C, and the two one-degree cells below it, flat and hilly, as DTED level 0. Finer levels (level 1:
+2.9 MB per cell, level 2: 26 MB) are made by an option:
 
     .venv/bin/python tools/make_landing_data.py --level 1 --terrain hilly --out my_landing
 """
@@ -23,7 +23,7 @@ from radalt.evaluation.engine.options import Parser, command, number, path
 CELLS = ((41, -89), (41, -88))  # south-west corners of the cells under the approach
 
 
-# -- DTED (MIL-PRF-89020B): header records, sign-magnitude posts, checksums; no well-kept library writes it ----------
+# -- DTED (MIL-PRF-89020B): header records, sign-magnitude posts, checksums; no maintained library writes it ---------
 
 MAX_ELEVATION_M = 32766
 
@@ -80,7 +80,7 @@ def encode_dted(
     ----------
     elevation_m : (n_lon, n_lat) integer array
         Elevations above mean sea level on `cell_posts`, west to east, each profile south to north;
-        -32766..32766, or `VOID_M` where there is no data.
+        -32766..32766, or `VOID_M` for no data.
     latitude_deg, longitude_deg, level : int
         As in `cell_posts`.
     reference : str

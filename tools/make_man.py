@@ -24,13 +24,13 @@ SCENES = "$(cd {share}/flowgraphs/scenes 2>/dev/null && ls *.yaml | sed s/.yaml$
 
 
 def escaped(text: str) -> str:
-    """Text as roff takes it literally."""
+    """Text escaped for roff."""
     text = text.replace("\\", "\\e").replace("-", "\\-")
     return "\n".join(f"\\&{line}" if line.startswith((".", "'")) else line for line in text.splitlines())
 
 
 def _usage(action: argparse.Action) -> str:
-    """An option or argument as it is typed."""
+    """An option or argument as typed."""
     value = action.metavar or ("{" + ",".join(map(str, action.choices)) + "}" if action.choices else None)
     if not action.option_strings:
         return value or action.dest
@@ -63,7 +63,7 @@ def page(name: str, parser: argparse.ArgumentParser) -> str:
         lines += [".SH EXAMPLES", ".nf", *(escaped(line) for line in examples), ".fi"]
     lines += [
         ".SH EXIT STATUS",
-        "0 done, 2 after one line about what does not fit, 130 after Ctrl\\-C, 143 after SIGTERM.",
+        "0 done, 2 after one line about an error, 130 after Ctrl\\-C, 143 after SIGTERM.",
     ]
     lines += [".SH SEE ALSO", ".BR radalt (1)"]
     return "\n".join(lines) + "\n"
@@ -133,7 +133,7 @@ complete -o filenames -F _radalt radalt
 
 
 def main() -> int:
-    """Write all of it."""
+    """Write all pages and the completion."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

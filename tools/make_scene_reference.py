@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""The page docs/scene-reference.md: every key of a scene, from the dataclasses that read it.
+"""Write docs/scene-reference.md: every key of a scene, from its dataclasses.
 
     .venv/bin/python tools/make_scene_reference.py
 
-Meaning comes from the docstrings, unit from the name, default from the field. The range is what the reader itself says
-when it is given a value that is far too large, far too small, or no word that it knows.
+Meanings are from the docstrings, units from the names, defaults from the fields. Ranges are from the reader's own
+messages about values that are far too large, far too small, or unknown words.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ Made by `.venv/bin/python tools/make_scene_reference.py` from the code.
 
 
 def unit(name: str) -> str:
-    """The unit that a name ends in."""
+    """Unit by the suffix of a name."""
     return next((text for end, text in UNITS if name.endswith(end)), "")
 
 
@@ -84,7 +84,7 @@ def meanings(kind: type) -> dict[str, str]:
 
 
 def wanted(hint: object) -> str:
-    """A type in a reader's words."""
+    """A type in words."""
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
         parts = [part for part in typing.get_args(hint) if part is not type(None)]
         return " or ".join(dict.fromkeys(wanted(part) for part in parts))
@@ -95,7 +95,7 @@ def wanted(hint: object) -> str:
 
 
 def shown(value: object) -> str:
-    """A default as YAML has it."""
+    """A default in YAML."""
     if value is None:
         return "none"
     if isinstance(value, bool):
@@ -118,7 +118,7 @@ ANY_NUMBER = "within -1e+12..1e+12"
 
 
 def own_part(words: str, key: str) -> str:
-    """What a line about several keys says of one: "within 1..256, guard_cells 1.5 within 0..256" has two parts."""
+    """The part about one key of a line about several, such as "within 1..256, guard_cells 1.5 within 0..256"."""
     tried = re.compile(r"\b([a-z]\w*_\w+) [-+.e\d]+")
     if not tried.search(words):
         return words.strip("()") if words.startswith("(") else words
@@ -130,7 +130,7 @@ def own_part(words: str, key: str) -> str:
 
 
 def allowed(path: tuple[str, ...], hint: object) -> str:
-    """The reader's own words about values of this key that it refuses; of the nearest to zero, on either side."""
+    """The reader's own words about refused values of this key, those nearest to zero on either side."""
     many = typing.get_origin(hint) is tuple
     inner = [a for a in (typing.get_args(hint) or (hint,)) if a in PROBES]
     said = {}
@@ -149,13 +149,13 @@ def allowed(path: tuple[str, ...], hint: object) -> str:
             if words and (path[-1] in str(error) or isinstance(value, str)):
                 said[isinstance(value, str) or value > 0] = own_part(words[1].strip(), path[-1])
     own = [text for text in dict.fromkeys(said.values()) if text not in ("", "them", "mapping", ANY_NUMBER)]
-    if len(own) > 1:  # one side has a limit of its own, the other that of every number of its unit
+    if len(own) > 1:  # one side has its own limit, the other that of all numbers of its unit
         own = [text for text in own if not re.fullmatch(r"within -(\S+)\.\.\1", text)]
     return "; ".join(own).replace("|", "\\|")
 
 
 def comments(kind: type) -> dict[str, str]:
-    """Field -> the comment behind it in the source."""
+    """Field -> its comment in the source."""
     text = "\n".join(inspect.getsource(one) for one in reversed(inspect.getmro(kind)) if one is not object)
     return dict(re.findall(r"^    (\w+): [^#\n]+# (.+)$", text, re.MULTILINE))
 
@@ -163,7 +163,7 @@ def comments(kind: type) -> dict[str, str]:
 def rows(
     kind: type, path: tuple[str, ...], leave: frozenset[str] = frozenset(), within: str = ""
 ) -> list[str]:
-    """A table's lines, nested settings in lines of their own with a dotted key."""
+    """Lines of a table; nested settings have lines with dotted keys."""
     hints, texts, out = typing.get_type_hints(kind), comments(kind) | meanings(kind), []
     for field in dataclasses.fields(kind):
         if field.name in leave or not field.init:
@@ -194,7 +194,7 @@ TOP = "| key | type, unit | default | range | meaning |\n|---|---|---|---|---|"
 
 
 def first_line(kind: type) -> str:
-    """What a class is."""
+    """First paragraph of a class' docstring."""
     text = (inspect.getdoc(kind) or "").partition("\n\n")[0].replace("\n", " ")
     return re.sub(r"``?", "`", re.sub(r"(: | \()emitter protocol\)?", "", text))
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# A newcomer's first hour in a fresh clone: the default run, help, installing below a prefix, the installed command, a
-# flowgraph generated there, uninstalling; ends with 1 where a step fails or something is left.
+# A newcomer's first hour in a fresh clone: the default run, help, what one brings, installing below a prefix, the
+# installed command, a flowgraph generated there, uninstalling; ends with 1 where a step fails or something is left.
 # usage: newcomer.sh [ENVIRONMENT]
 # ENVIRONMENT is a Python environment that exists, as `make setup` makes it. With it nothing is fetched: the clone and what
 # is installed use its packages.
@@ -20,7 +20,18 @@ make help
 make eval ARGS="--overlap 0,1 --altitudes 100,300 --frames 5 --out results/first"
 test -s results/first/report.md
 .venv/bin/python flowgraphs/collect.py results/first --out results/all
+# what one brings: a network and a method beside the shipped ones, a recording, samples in a file
+make eval ARGS="--overlap 1 --sir-db=-10 --altitudes 300 --frames 5 --methods none --model mine=models/any_sweep.onnx \
+    --method-file own=flowgraphs/own_method.py --capture --out results/own"
+for row in none mine own; do grep -q "^$row," results/own/rows.csv; done
+recording=$(ls results/own/captures/overlap*.sigmf-meta)
+.venv/bin/python flowgraphs/ota_eval.py --replay "$recording" --methods none --out results/replay
+PYTHONPATH=python .venv/bin/python examples/own_samples.py "${recording%meta}data" | grep "frames ok"
+touch flowgraphs/ota_sim.py flowgraphs/ota_b210_epy_block_0.py # as the companion leaves them: no part of the module
 make install PREFIX="$work/prefix" PACKAGES="${environment:+no}"
+for made in ota_sim.py ota_b210_epy_block_0.py; do
+    [ ! -e "$work/prefix/share/gr-radalt/flowgraphs/$made" ] || { echo "newcomer: $made was installed"; exit 1; }
+done
 cd "$work"
 radalt=$work/prefix/bin/radalt
 [ -z "$environment" ] ||

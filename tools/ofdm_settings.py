@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""How much `ofdm_cancel` depends on each of its settings: every number 0.7 and 1.3 times as large, a few frames a case.
+"""Sensitivity of `ofdm_cancel` to its settings: each number 0.7 and 1.3 times as large, a few frames per case.
 
 .venv/bin/python tools/ofdm_settings.py --frames 8                      # all settings; some hours
 .venv/bin/python tools/ofdm_settings.py --frames 8 --settings chance,blank_ratio
-.venv/bin/python tools/ofdm_settings.py --prices                        # steps' prices beside what is measured
+.venv/bin/python tools/ofdm_settings.py --prices                        # prices of the steps beside measured costs
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from radalt.core.mitigation.ofdm_cancel import OfdmCancel
 from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
 from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
 
-# cases at an SIR 3 dB above where each breaks, where a setting shows
+# SIR of each case, 3 dB above its break-point, where a setting has most effect
 MEASURED = {
     "ideal": -55.0,
     "evm_3": -47.0,
@@ -44,14 +44,12 @@ FACTORS = (0.7, 1.3)
 
 
 def changed(name: str, factor: float) -> OfdmSettings | None:
-    """The settings with one of them multiplied, whole numbers by at least one; None for what is no number."""
+    """The settings with one of them multiplied, whole numbers changed by at least one; None if it is no number."""
     value = getattr(SETTINGS, name)
     if isinstance(value, tuple):
-        return (
-            None
-            if name == "spacings_hz"
-            else dataclasses.replace(SETTINGS, **{name: tuple(factor * v for v in value)})
-        )
+        if name == "spacings_hz":  # numerologies, no threshold
+            return None
+        return dataclasses.replace(SETTINGS, **{name: tuple(factor * v for v in value)})
     if isinstance(value, int):
         step = round(value * factor)
         return dataclasses.replace(
@@ -82,7 +80,7 @@ def right(settings: OfdmSettings, frames: int, seed: int) -> dict[str, float]:
 
 
 def prices(frames: int, seed: int) -> None:
-    """Price and measured cost of frames, in FFTs of 7,500 points."""
+    """Print price and measured cost per frame of each case, in FFTs of 7,500 points."""
     method = OfdmCancel(WAVEFORM)
     for name, sir_db in MEASURED.items():
         case = CASES[name]
@@ -123,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if strange is not None:
         parser.error(f"--settings holds {strange!r}; known: {', '.join(known)}")
     usual = right(SETTINGS, args.frames, args.seed)
-    print("as they are:", " ".join(f"{name} {pd:.2f}" for name, pd in usual.items()), flush=True)
+    print("unchanged:", " ".join(f"{name} {pd:.2f}" for name, pd in usual.items()), flush=True)
     for name in names:
         for factor in FACTORS:
             settings = changed(name, factor)

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""How much each setting of the QPSK receiver matters: Pd of the QPSK cases with it 30 % lower and 30 % higher.
+"""Sensitivity of the QPSK receiver to its settings: Pd of the QPSK cases with each 30 % lower and 30 % higher.
 
-    .venv/bin/python tools/qpsk_sensitivity.py            # a line per setting; the last says which lose more than 0.02
-    .venv/bin/python tools/qpsk_sensitivity.py --costs    # FFTs of 7,500 points that the receiver's steps cost here
+    .venv/bin/python tools/qpsk_sensitivity.py            # a line per setting, then those that lose more than 0.02
+    .venv/bin/python tools/qpsk_sensitivity.py --costs    # costs of the receiver's steps in FFTs of 7,500 points
 
-Same frames for every setting; integers are rounded and move by one at least.
+All settings share their frames. Integers are rounded, and change by at least one.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from radalt.core.receiver.altimeter import Altimeter
 from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
 
 SEED = 161_803
-NAMES = ("qpsk", "qpsk_rrc", "qpsk_part", "qpsk_burst", "qpsk_eva", "qpsk_radios")
+NAMES = tuple(name for name, case in CASES.items() if case.method == "qpsk_cancel")
 SIRS_DB = (-20.0, -45.0)
-MOST_LOST = 0.02
-_TRIES = 35  # of a step, the median of which counts; an emitter's window in a stream is 40 frames
+MOST_LOST = 0.02  # loss of Pd that counts as sensitive: one frame of 50
+_TRIES = 35  # timed calls of a step, fewer than the 40 frames of an emitter's window in a stream
 
 
 def pd(settings: QpskSettings, frames: np.ndarray, altitude_m: np.ndarray) -> float:
-    """Share of (n, N) frames with the right altitude behind the receiver with those settings."""
+    """Share of (n, N) frames with a correct altitude behind a receiver with these settings."""
     result = Altimeter(WAVEFORM).process(QpskCancel(WAVEFORM, settings=settings).process(frames))
     return float(np.mean(result["valid"] & (np.abs(result["altitude_m"] - altitude_m) < 5.0)))
 
 
 def changed(name: str, factor: float) -> QpskSettings:
-    """The settings with one of them ``factor`` times as large; the pulse's length stays even."""
+    """The settings with one of them ``factor`` times as large; lengths that have to be even stay even."""
     value = getattr(DEFAULTS, name)
     if isinstance(value, int):
         step = 2 if name in ("pulse_samples", "taps") else 1
@@ -55,7 +55,7 @@ def changed(name: str, factor: float) -> QpskSettings:
 
 
 def costs(frames: np.ndarray) -> list[str]:
-    """A line per step: its CPU time in FFTs of a frame, the median over frames."""
+    """A line per step: median CPU time in FFTs of a frame."""
     frame = frames[0] / np.sqrt(np.mean(np.abs(frames[0]) ** 2))
     timing = find_symbol_timings(frame, DEFAULTS)[0]
     symbols = CmaEqualiser(frame, timing, DEFAULTS).symbols()
@@ -88,7 +88,7 @@ def _seconds(work: Callable[[], object]) -> float:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; 1 if a setting loses more than `MOST_LOST` in a case."""
+    """Print the table; returns 1 if a setting loses more than `MOST_LOST` in a case."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,6 +1,6 @@
-"""One line on stderr where distribution, Python or GNU Radio is none that the module was tested on; never fails.
+"""Print a line to stderr if distribution, Python or GNU Radio is an untested one; never fails.
 
-Run by the set-up in the Python of GNU Radio, which it found working: what is needed is there, so it goes on.
+The set-up runs it in GNU Radio's Python, after it has found everything it needs, and continues.
 """
 
 import argparse
@@ -22,7 +22,7 @@ def distribution(os_release: str) -> tuple[str, str, str]:
 
 
 def verdict(os_release: str, python: tuple[int, int], gnuradio: str) -> str:
-    """What to say; empty for what was tested."""
+    """The line, empty on a tested system."""
     identity, version, name = distribution(os_release)
     if (identity, version) in TESTED and (3, 10) <= python <= (3, 13) and gnuradio.startswith("3.10."):
         return ""
@@ -31,7 +31,7 @@ def verdict(os_release: str, python: tuple[int, int], gnuradio: str) -> str:
 
 
 def main() -> None:
-    """Look at this machine."""
+    """Print the verdict on this machine."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     from gnuradio import gr
 

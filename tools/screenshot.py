@@ -3,9 +3,9 @@
 
     .venv/bin/python tools/screenshot.py --show jammed --out docs/live_view_jammed.png
 
-Generates ota_live.grc with the simulated channel, works its controls, and saves what the window shows at the end: a
-descent in steps under the scene's interference, the first second, a jammer that drowns the chosen method, or a timing
-that is lost. Needs no display.
+Generates ota_live.grc with the simulated channel, operates its controls, and saves the window at the end: after a
+descent in steps under the scene's interference, after the first second, under a jammer too strong for the method, or
+after a loss of timing. Needs no display.
 """
 
 from __future__ import annotations
@@ -28,11 +28,10 @@ if not os.environ.get("DISPLAY"):
 
 PROGRAM = "screenshot"
 
-STEPS_M = (900.0, 750.0, 600.0, 450.0, 300.0)  # altitudes of the descent, one after the other
-FRAMES_A_STEP = 2100  # a little more in all than the 10 s that the altitude chart is wide
-LOST_S = 3.0  # without frames, for the picture of a lost timing
-# what to set one after the other, each for as many frames as a step has; the bare command at another altitude than zero
-# takes that altitude for zero, as a changed cable does
+STEPS_M = (900.0, 750.0, 600.0, 450.0, 300.0)  # altitudes of the descent
+FRAMES_A_STEP = 2100  # frames of a step; in all a little more than the 10 s of the altitude chart
+LOST_S = 3.0  # time without frames before the picture of a lost timing
+# controls of each step; reacquisition at an altitude above zero takes that for zero, as after a change of cable
 SHOWS = {
     "descent": [{"altitude_m": altitude_m} for altitude_m in STEPS_M],
     "start": [{"altitude_m": 900.0}],
@@ -68,7 +67,7 @@ def _parser() -> Parser:
         default=1.0,
         help="active fraction of the sweep (default: %(default)g)",
     )
-    add("--method", default="whitening", help="the method that is chosen (default: %(default)s)")
+    add("--method", default="whitening", help="chosen method (default: %(default)s)")
     add(
         "--frames",
         type=number(int, 0, 2000000),
@@ -79,7 +78,7 @@ def _parser() -> Parser:
         "--time-limit-s",
         type=number(float, 0, 10000000.0),
         default=600.0,
-        help="give up after this long (default: %(default)g)",
+        help="longest run (default: %(default)g)",
     )
     return parser
 
@@ -87,43 +86,48 @@ def _parser() -> Parser:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = _parser()
     args = parser.parse_args(argv)
-    if not args.method.isidentifier():  # it is written into the flowgraph as source
+    if not args.method.isidentifier():  # it becomes source code of the flowgraph
         parser.error(f"--method is {args.method!r}; name one of the chooser's methods")
     return args
 
 
 def _build(args: argparse.Namespace, folder: Path) -> Any:
-    """The top block of the simulated live view, with the controls where the command line wants them."""
+    """Top block of the simulated live view, its controls set by the command line."""
     from PyQt5 import Qt
 
+    from radalt.core.scene import load_scene
     from radalt.evaluation.flowgraph.generate import Prepared, generate
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
     from radalt.evaluation.flowgraph.run import load_class
 
+    load_scene(args.scene)  # a wrong one is refused before seconds of generating
     data = simulate(load_grc(FLOWGRAPHS / "ota_live.grc"), "ota_live_sim")
     start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
-    for step in SHOWS[args.show]:  # the controls show what they start with: here what they end with
+    for step in SHOWS[
+        args.show
+    ]:  # controls display their start values, so they start at the values of the last step
         start |= {control: value for control, value in step.items() if control != "frame_segmenter"}
     for block in data["blocks"]:
         if block["name"] in start:
             block["parameters"]["value"] = str(start[block["name"]])
     prepared = Prepared(generate(data, folder))
     top = load_class(prepared)(scene_file=args.scene, drop_when_slow=0)
-    top.settings = Qt.QSettings(str(folder / "settings"), Qt.QSettings.IniFormat)  # no size of an earlier run
+    # settings of its own: without the window size of an earlier run
+    top.settings = Qt.QSettings(str(folder / "settings"), Qt.QSettings.IniFormat)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.set_sir_db(args.sir_db)
     return top
 
 
 class _Steps:
-    """Sets what a step says, and waits for its frames."""
+    """Sets the controls of each step and waits for its frames."""
 
     def __init__(self, top: Any, steps: list[dict[str, Any]], frames: int) -> None:
         self._top, self._left, self._frames = top, list(steps), frames
         self._end_s = self._until = 0.0
 
     def over(self) -> bool:
-        """Begin the next step where one is over; whether the last one is."""
+        """Start the next step if the present one is over; returns whether the last is."""
         frames = self._top.altimeter_none.nitems_read(0)
         if frames < self._until and time.monotonic() < self._end_s:
             return False
@@ -134,14 +138,14 @@ class _Steps:
             setter = getattr(self._top, f"set_{control}", None)
             setter(value) if setter else getattr(getattr(self._top, control), value)()
         self._until = frames + self._frames
-        # a lost timing gives no frames
+        # without timing there are no frames
         self._end_s = time.monotonic() + LOST_S if "frame_segmenter" in step else float("inf")
         return False
 
 
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the view, save its picture; returns 0, or 2 after one line about what went wrong."""
+    """Run the view and save its picture; returns 0, or 2 after one line about an error."""
     args = _arguments(argv)
     from PyQt5 import Qt
 
@@ -169,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         top.status_timer.stop()
         top.stop()
         top.wait()
-        app.processEvents()  # what is still to be drawn
+        app.processEvents()  # pending drawing
         picture = top.grab()
     if not over:
         complain(PROGRAM, f"not done within {args.time_limit_s:g} s; raise --time-limit-s")

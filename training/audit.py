@@ -2,9 +2,8 @@
 
     .venv-train/bin/python training/audit.py models/paper.onnx
 
-Weights are the initialisers that `export.py` names in ``radalt_weights``; constants of the graph (sweep
-tables, DFT matrices) are listed apart. Narrow storage (``.float16``, ``.int8``) counts by elements; scales
-are no parameters.
+Weights are the initialisers that `export.py` names in ``radalt_weights``; constants of the graph (sweep tables, DFT
+matrices) are listed separately. Narrow storage (``.float16``, ``.int8``) counts by elements; scales are no parameters.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ def parameter_table(path: Path) -> tuple[dict[str, int], int]:
 
 
 def main() -> None:
-    """Print the tables of the files given."""
+    """Print the tables of the given files."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

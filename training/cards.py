@@ -1,9 +1,9 @@
 """Write the model cards from the files' own metadata and the published rows of `evaluate.py` and `evaluate_sweeps.py`.
 
     PYTHONPATH=python .venv/bin/python training/cards.py          # after new rows in docs/data
-    PYTHONPATH=python .venv/bin/python training/cards.py --time   # the networks are timed anew, on a quiet machine
+    PYTHONPATH=python .venv/bin/python training/cards.py --time   # times the networks, on an idle machine
 
-Without ``--time`` a card keeps the time that stands in it.
+Without ``--time`` a card keeps its time.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def milliseconds(path: Path) -> float:
 
 
 def metadata(path: Path) -> dict[str, str]:
-    """The file's own properties."""
+    """Metadata of a model file."""
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     return dict(session.get_modelmeta().custom_metadata_map)
 
@@ -147,7 +147,7 @@ def published(path: Path, columns: Columns) -> list[dict[str, Any]]:
 
 
 def results(rows: list[dict[str, Any]], method: str) -> str:
-    """Clean scene and SINR -15 dB; break-point and wrong altitudes of every case."""
+    """Results in the clean scene and at SINR -15 dB; break-points and wrong altitudes of every case."""
     mine = [r for r in rows if r["method"] == method]
     labels = {"clean": "clean scene", "qpsk_rectangular_sinr_-15": "rectangular QPSK, SINR -15 dB"}
     out = [
@@ -177,7 +177,7 @@ def results(rows: list[dict[str, Any]], method: str) -> str:
 
 
 def other_sweeps(rows: list[dict[str, Any]]) -> str:
-    """Where the break-points stand; inventions at its own sweep, beside the network of that sweep, and at others."""
+    """Where the break-points are, and the altitudes declared without a return, at its own sweep and at others."""
     return (
         "Point returns at SNR 10 dB, seeds no training saw (`training/evaluate_sweeps.py`). `docs/sweeps.md` has the\n"
         "break-points at six sweeps, and how often the altitude was wrong and valid. Declared altitudes where there\n"
@@ -186,7 +186,7 @@ def other_sweeps(rows: list[dict[str, Any]]) -> str:
 
 
 def _sweeps(info: dict[str, str]) -> str:
-    """Which sweeps a file serves."""
+    """The sweeps that a file serves."""
     if info["radalt_frame_samples"] == ANY:
         return "any sweep in range, its tables as further inputs"
     return (
@@ -196,7 +196,7 @@ def _sweeps(info: dict[str, str]) -> str:
 
 
 def time_of(text: str) -> str:
-    """The time that a card states; raises `ValueError` if it states none."""
+    """The time in a card; raises `ValueError` if there is none."""
     found = re.search(r"^- ([\d.]+) ms per frame", text, re.MULTILINE)
     if not found:
         raise ValueError("the card states no time; run cards.py --time")
@@ -210,7 +210,7 @@ def _span(config: dict, key: str) -> str:
 def card(
     stem: str, models: Path, rows: list[dict[str, Any]], sweeps: list[dict[str, Any]], time_ms: str
 ) -> str:
-    """Markdown of one card; ``time_ms`` is the time per frame as it is to stand there."""
+    """Markdown of one card; ``time_ms`` is the time per frame as text."""
     path = models / f"{stem}.onnx"
     info = metadata(path)
     content = path.read_bytes()
@@ -258,12 +258,12 @@ altitude has consequences.
 
 @options.command("cards")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the cards; returns 0, or 2 after one line about what does not fit."""
+    """Write the cards; returns 0, or 2 after one line about an error."""
     parser = options.Parser("cards", __doc__)
     add = parser.add_argument
     add("--data", type=options.path, default=ROOT / "docs" / "data", help="folder of the published rows")
     add("--models", type=options.path, default=ROOT / "models", help="folder of the networks and their cards")
-    add("--time", action="store_true", help="time the networks anew")
+    add("--time", action="store_true", help="time the networks")
     args = parser.parse_args(argv)
     rows = published(args.data / "tcae_comparison.csv", COLUMNS)
     sweeps = published(args.data / "sweeps.csv", SWEEP_COLUMNS)

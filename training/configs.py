@@ -1,4 +1,4 @@
-"""What training examples are drawn from: distributions, and the named sets of them. `data.py` makes the examples."""
+"""Distributions of training examples, and their named sets. `data.py` draws the examples."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ __all__ = ["CONFIGS", "SceneConfig"]
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """Distributions an example is drawn from.
+    """Distributions of an example.
 
-    Parameters
+    Attributes
     ----------
     sir_db : (low, high)
-        Signal-to-interference ratio of the whole interference, uniform in decibels, averaged over the frame.
+        Signal-to-interference ratio of all interferers together, uniform in decibels, averaged over the frame.
     snr_db : (low, high)
         Per-sample signal-to-noise ratio before dechirping, uniform in decibels.
     altitude_m : (low, high)
@@ -26,29 +26,28 @@ class SceneConfig:
     counts : tuple of float
         Probability of 0, 1, 2, ... interferers at once.
     full_overlap : float
-        Probability that an interferer is on for the whole frame; otherwise the overlap is uniform in 0.02..1.
+        Probability of full overlap of an interferer; otherwise the overlap is uniform in 0.02..1.
     multipath, extended : float
         Probability of a few discrete echoes, and of an extended ground return.
     impaired : float
-        Probability that the interferer comes through a fractional sample delay and a frequency offset
-        (another clock).
+        Probability that an interferer has a fractional sample delay and a frequency offset (another clock).
     converter : float
         Probability that the frame went through a converter of 1, 2, 3, 4, 6 or 8 bits that clips at one to four
         times the frame's RMS.
     empty : float
-        Probability of a frame without a return. Its target is the noise: what a network may take away is interference,
-        and nothing may look like a return afterwards.
+        Probability of a frame without a return. Its target is the noise: a network may remove interference only, and
+        nothing may look like a return afterwards.
     beyond : float
         Probability that the return lies beyond the span, from 60 m above it to four times as high. Its target is the
-        noise: to the altimeter such a return is nothing. The 60 m between, three range cells, are in no example.
+        noise, as for the altimeter. No example has a return in the 60 m between, three range cells.
     second : float
         Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
     received : float
-        Probability that an interferer comes as a receiver hears it: through paths (half of them moving at up to 30
-        km/h), the receiver's filter, and with a clock of its own within 2 ppm.
+        Probability that an interferer is as a receiver hears it: with multipath (half of it moving at up to 30 km/h),
+        the receiver's filter, and a clock of its own within 2 ppm.
     own_noise : float
-        Probability that an interferer carries white noise of its own, 3 to 20 dB below it, as a recording off the air
-        does: no method takes that away.
+        Probability that an interferer has white noise of its own, 3 to 20 dB below it, as off-air recordings do; no
+        method can remove it.
     typical : float
         Probability that a QPSK or NR interferer has the error vectors of a typical transmitter (`TYPICAL_EVM`).
     front_end : float
@@ -57,16 +56,16 @@ class SceneConfig:
     envelope : float
         Standard deviation of a band-limited Gaussian envelope of the return, 10 % of the bandwidth wide, around one.
     levels_db : tuple of (name, low, high)
-        SIR of each interferer by its kind, uniform in decibels, in the place of ``sir_db`` of all together.
+        SIR of each interferer by its kind, uniform in decibels, instead of ``sir_db`` of all together.
     persistent : int
-        Examples in a row that share their interferers, which go on from one to the next.
+        Consecutive examples that share continuous interferers.
     any_sweep : bool
-        Every batch has a sweep of its own (`sweep_of`); its interference is made in proportion to its rate, NR also to
-        half of it and four times.
+        Whether every batch has its own sweep (`sweep_of`); bandwidths of interferers scale with its rate, those of NR
+        also with half of it and four times.
     recordings : tuple of str
-        SigMF files of one's own; a third of the interferers are cut from them. See `split_recordings`.
+        SigMF files; a third of the interferers are cut from them. See `split_recordings`.
     size, validation : int
-        Examples of a finite set and of its validation part; 0 stands for endless fresh data.
+        Examples of a finite set and of its validation part; 0 for endless fresh data.
     seed : int
     """
 
@@ -165,7 +164,7 @@ CONFIGS["predecessor"] = SceneConfig(
     validation=1_000,
     seed=21,
 )
-# fourth part of `compact`: the same again in examples not seen yet
+# fourth part of `compact`: the distributions of the third, held-out examples
 CONFIGS["lean"] = replace(CONFIGS["heard"], seed=5)
 # fifth part: more NR, above all of 10 MHz, and more of several at once
 CONFIGS["crowded"] = replace(
@@ -184,7 +183,7 @@ CONFIGS["crowded"] = replace(
 CONFIGS["ground"] = replace(
     CONFIGS["crowded"], snr_db=(0.0, 45.0), counts=(0.12, 0.46, 0.14, 0.28), extended=0.3, seed=7
 )
-# seventh part: interferers with noise of their own, and as a receiver hears them
+# seventh part: interferers with white noise of their own, and as a receiver hears them
 CONFIGS["noisy"] = replace(CONFIGS["ground"], received=0.15, own_noise=0.25, seed=9)
 # `compact` for any sweep, after its sixth part: sweeps of all kinds, frames without a return or with two, other radars,
 # interference as a receiver hears it

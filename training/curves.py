@@ -20,7 +20,7 @@ from matplotlib import pyplot as plt
 from radalt.evaluation.engine import options
 
 ROOT = Path(__file__).resolve().parent.parent
-PLATEAU = 0.5  # mean squared error of an output of zero: each rail of a unit frame has half of its power
+PLATEAU = 0.5  # mean squared error of a zero output: each rail of a unit frame has half of its power
 _STYLES = (("#0072B2", "-"), ("#D55E00", "--"), ("#009E73", "-."), ("#CC79A7", ":"), ("#000000", "-"))
 
 
@@ -54,7 +54,7 @@ def draw(path: Path, logs: Path, names: Sequence[str]) -> None:
 
 @options.command("curves")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw; returns 0, or 2 after one line about what does not fit."""
+    """Draw; returns 0, or 2 after one line about an error."""
     parser = options.Parser("curves", __doc__)
     parser.add_argument("names", nargs="+", metavar="RUN", help=f"at most {len(_STYLES)}")
     parser.add_argument("--logs", type=options.path, default=ROOT / "training" / "logs")

@@ -1,17 +1,17 @@
-"""Evidence for the TCAE: every method on the same unseen frames, over SIR x overlap x interferer.
+"""Evidence for the TCAE: every method on the same held-out frames, over SIR, overlap and interferer.
 
     PYTHONPATH=python .venv/bin/python training/evaluate.py --out results/tcae
     PYTHONPATH=python .venv/bin/python training/evaluate.py --trials 0    # without the sweep over SIR
 
-Writes a report. Runs in the runtime environment, without PyTorch. A point is one interferer at one overlap, down to
-the SIR where a method has clearly failed: two SIRs with Pd below 0.3. A killed run goes on with --resume.
+Runs in the runtime environment, without PyTorch. A point is one interferer at one overlap, down to the SIR where every
+method has failed: two SIRs with Pd below 0.3. --resume completes a stopped run.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -27,8 +27,9 @@ from radalt.core.interference.evm import TYPICAL
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import command, options
-from radalt.evaluation.engine.study import Point, Run, Study
-from radalt.evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
+from radalt.evaluation.engine.chain_study import ChainStudy
+from radalt.evaluation.engine.study import Point, Run
+from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
@@ -36,16 +37,16 @@ from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
 PROGRAM = "evaluate"
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 31_415_926  # no training configuration uses it
-FIRST_DRAW = 22_700  # frames of draws below this have been looked at while methods were made
-SNR_DB = 10.0
-GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less
+FIRST_DRAW = 22_700  # lower draws are not held out: methods were developed on their frames
+SNR_DB = 10.0  # as in the other studies of single frames
+FAILED_PD = 0.3  # Pd below which a method has failed; after two such SIRs of a case it is not run further
 SIRS_DB = tuple(float(sir) for sir in np.arange(0.0, -62.6, -2.5))
 OVERLAPS = (0.3, 0.6, 1.0)
-# interference plus noise at SINR -15 dB, the paper's case
+# SIR at which interference and noise together are at the paper's SINR of -15 dB
 PAPER_SIR_DB = float(-10.0 * np.log10(10.0**1.5 - 10.0 ** (-SNR_DB / 10.0)))
 OTHER_RETURNS = (("clean", None), ("qpsk_shaped", -30.0), ("qpsk_rectangular_delayed", -27.5), ("nr5", -30.0))
-# returns by the number of their scenes: points for sweep and special cases, echoes (1-3, 6-25 dB down, 5-120 m behind),
-# extended ground
+# returns by the number of their scenes: points (in the sweep, and in special cases), points with 1 to 3 echoes (6 to
+# 25 dB down, 5 to 120 m behind), extended ground
 RETURNS = (None, None, SceneConfig(multipath=1.0, extended=0.0), SceneConfig(multipath=0.0, extended=1.0))
 CLASSICAL = (
     *("none", "lms", "lms_reference_input", "nlms", "nlms_predictor"),
@@ -77,26 +78,26 @@ def emitters(evm: float | str = 0.0) -> dict[str, list[object]]:
 
 
 def sent(name: str) -> list[object]:
-    """What a name of rows sends: typical error vectors, or none where it ends in `IDEAL`."""
+    """Emitters by the name in rows: with typical EVM, or ideal if it ends in `IDEAL`."""
     return emitters(0.0 if name.endswith(IDEAL) else TYPICAL)[name.removesuffix(IDEAL)]
 
 
 @dataclass(frozen=True)
 class Delayed:
-    """An emitter heard through a fractional sample delay, drawn anew: its envelope is no longer constant."""
+    """An emitter behind a random fractional sample delay, which makes its envelope vary."""
 
     emitter: object
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `radalt.core.interference.placement.Emitter`; 64 samples on each side are thrown away."""
+        """See `radalt.core.interference.placement.Emitter`; 64 samples at each end, with edge effects, are cut off."""
         longer = self.emitter.samples(count + 128, rate_hz, rng)
-        turn = np.exp(-2j * np.pi * np.fft.fftfreq(longer.size) * rng.uniform(-0.5, 0.5))
-        return np.fft.ifft(np.fft.fft(longer) * turn)[64 : 64 + count]
+        delay = np.exp(-2j * np.pi * np.fft.fftfreq(longer.size) * rng.uniform(-0.5, 0.5))
+        return np.fft.ifft(np.fft.fft(longer) * delay)[64 : 64 + count]
 
 
 @dataclass(frozen=True)
 class Scenes:
-    """Clean frames with noise, and what they hold: (n,) altitudes in metres, (n, N) complex64."""
+    """(n, N) complex64 frames of returns and noise, and their (n,) altitudes in metres."""
 
     waveform: Waveform
     altitude_m: np.ndarray
@@ -104,7 +105,7 @@ class Scenes:
 
     @classmethod
     def draw(cls, waveform: Waveform, trials: int, seed: int, ground: SceneConfig | None = None) -> Scenes:
-        """Returns over 3-1500 m, up to 10 m/s, at the evaluation's SNR: points, or what ``ground`` says.
+        """Returns at 3 to 1500 m and up to 10 m/s, at `SNR_DB`: points, or as ``ground`` draws them.
 
         The altitude is that of the nearest part of a return.
         """
@@ -143,7 +144,7 @@ class Scenes:
 
 @lru_cache(maxsize=4)
 def scenes_of(trials: int, number: int) -> Scenes:
-    """Scenes that several points share, made once per process."""
+    """Scenes that points share, made once per process."""
     return Scenes.draw(Waveform(), trials, FIRST_DRAW + number, RETURNS[number])
 
 
@@ -151,8 +152,7 @@ def scenes_of(trials: int, number: int) -> Scenes:
 class CasePoint(Point):
     """One interferer (of `emitters`, or ``clean``) at one overlap.
 
-    ``sirs_db`` falls and is empty without interference; ``scenes`` and ``draw`` are the seeds of the returns and of the
-    interference.
+    ``sirs_db`` falls, and is empty without interference. ``scenes`` and ``draw`` seed the returns and the interference.
     """
 
     interferer: str = "clean"
@@ -163,11 +163,11 @@ class CasePoint(Point):
 
 
 @dataclass(frozen=True)
-class MethodStudy(Study):
+class MethodStudy(ChainStudy):
     """Every method on the same frames.
 
-    ``kinds`` are the emitters of the sweep, typical, ideal or both. ``trials`` are the frames per SIR of the sweep,
-    ``special_trials`` those of the clean scene, the paper's case and other returns; 0 leaves either out.
+    ``trials`` is the number of frames per SIR of the sweep, ``special_trials`` that of the clean scene, the paper's
+    case and other returns; 0 leaves them out. ``kinds`` are the emitters of the sweep: typical, ideal or both.
     """
 
     chains: tuple[Chain, ...]
@@ -181,11 +181,6 @@ class MethodStudy(Study):
         "rows.csv": "data/tcae_comparison.csv",
         "pd.png": "figures/tcae_pd.png",
     }
-
-    @property
-    def needs_network(self) -> bool:
-        """See `Study`."""
-        return any(chain.model for chain in self.chains)
 
     def check(self) -> None:
         """See `Study`; raises `MitigationError` where a model does not fit."""
@@ -225,13 +220,13 @@ class MethodStudy(Study):
             for kind in self.kinds
             for case, name in enumerate(f"{name}{IDEAL * (kind == 'ideal')}" for name in emitters())
             for rho in OVERLAPS
-            # tones have no symbols: both kinds are the same
+            # tones have no symbols, so both kinds are the same
             if kind == self.kinds[0] or not name.startswith("tones")
         ]
         return (special if n else []) + (sweep if swept else [])
 
     def measure(self, point: CasePoint) -> list[dict[str, Any]]:
-        """Rows by SIR and method; a method leaves a case after two SIRs with Pd below 0.3."""
+        """Rows by SIR and method; a method is not run further after two SIRs with Pd below 0.3."""
         swept = len(point.sirs_db) > 1
         scenes = scenes_of(self.trials if swept else self.special_trials, point.scenes)
         failures = dict.fromkeys(self.chains, 0)
@@ -244,7 +239,7 @@ class MethodStudy(Study):
             for chain in [c for c, count in failures.items() if count < 2]:
                 results, method = chain.results(frames, scenes.waveform)
                 found = score_frames(results, scenes.altitude_m)
-                failures[chain] = failures[chain] + 1 if found.pd < GIVEN_UP_PD else 0
+                failures[chain] = failures[chain] + 1 if found.pd < FAILED_PD else 0
                 about = (point.interferer if swept else point.name, point.overlap, sir_db, chain.label)
                 row = dict(zip(COLUMNS.names, about, strict=False)) | found.row()
                 rows.append(row | {"diverged_frames": method.diverged_frames})
@@ -257,22 +252,12 @@ class MethodStudy(Study):
         return write_report(folder, rows["rows"], folder.head["methods"], run)
 
     def seconds(self, point: CasePoint) -> float:
-        """See `Study`; on the average a method leaves a case of the sweep halfway."""
-        waveform, share = Waveform(), 0.5 if len(point.sirs_db) > 1 else 1.0
-        each = sum(seconds_per_frame(c.method, waveform, c.settings, c.options) for c in self.chains)
-        return point.frames * share * each
-
-    def files(self) -> dict[str, Path]:
-        """The networks."""
-        return model_files(self.chains)
-
-    def with_files(self, files: Mapping[str, Path]) -> MethodStudy:
-        """See `Study`."""
-        return replace(self, chains=chains_with(self.chains, files))
+        """See `Study`; on average a method runs on half of the sweep's SIRs."""
+        return point.frames * self.seconds_per_frame() * (0.5 if len(point.sirs_db) > 1 else 1.0)
 
 
 def chain_of(name: str, models: Path) -> Chain:
-    """A method of `CLASSICAL` or `NETWORKS`; a network as it is: nothing silences what it invents."""
+    """Chain of a method in `CLASSICAL` or `NETWORKS`; networks without the shift test that silences inventions."""
     if name not in NETWORKS:
         return Chain(name, name, independent=name == "hybrid")
     return Chain.of_model(models / NETWORKS[name], name, options=(("shift_check", False),))
@@ -289,7 +274,7 @@ def describe(rows: Sequence[dict[str, Any]]) -> str:
 
 @options.command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
+    """Run the study; returns 0, 2 after one line about an error, 130 when interrupted."""
     parser = options.Parser(PROGRAM, __doc__)
     options.add_options(parser, out=str(ROOT / "results" / "tcae"), time_limit_s=7200.0)
     parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")

@@ -1,10 +1,10 @@
-"""Is any method worse than none on waveforms that nobody here wrote? Every method beside none, on recordings.
+"""Every method beside none on recordings of waveforms that this module does not generate.
 
     .venv/bin/python flowgraphs/make_recording.py --from dvbt
     PYTHONPATH=python .venv/bin/python training/evaluate_foreign.py results/dvbt.sigmf-meta
 
 Point returns at 3-1500 m and up to 10 m/s, SNR 10 dB, the same frames for all methods. A method may have a declared Pd
-of at most 0.03 below none at any SIR, and its sum over the SIRs has to be no lower; exits with 1 where one has.
+of at most 0.03 below none at any SIR, and no lower sum over the SIRs; exits with 1 otherwise.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from radalt.evaluation.results.score import score_frames
 from radalt.evaluation.results.table import table
 
 PROGRAM = "evaluate_foreign"
-# the paper's LMS is not among them: its rows stand for what it is
+# without the paper's LMS, whose output carries no altitude
 METHODS = ("whitening", "linear_prediction", "blanking", "ofdm_cancel", "qpsk_cancel", "tcae", "hybrid")
-# none loses its altitudes between the second and the last
+# without mitigation altitudes are lost between the second and the last
 SIRS_DB = (-16.0, -20.0, -22.0, -24.0, -26.0, -28.0, -30.0, -34.0)
 MOST_BELOW = 0.03  # of declared Pd; two standard deviations of the difference of 400 paired frames
 
@@ -47,7 +47,7 @@ def scored(
 
 
 def judged(found: dict[str, np.ndarray]) -> list[str]:
-    """Methods that are below none by more than `MOST_BELOW` at an SIR, or in sum by more than chance."""
+    """Methods below none by more than `MOST_BELOW` at an SIR, or in sum by more than chance."""
     chance = MOST_BELOW * np.sqrt(len(SIRS_DB))
     behind = {name: rates[0] - found["none"][0] for name, rates in found.items()}
     return [name for name, d in behind.items() if d.min() < -MOST_BELOW or d.sum() < -chance]
@@ -55,7 +55,7 @@ def judged(found: dict[str, np.ndarray]) -> list[str]:
 
 @options.command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print a table a recording; returns 0, 1 if a method is below none, 2 after one line about what does not fit."""
+    """Print a table per recording; returns 0, 1 if a method is below none, 2 after one line about an error."""
     parser = options.Parser(PROGRAM, __doc__)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE.sigmf-meta")
     parser.add_argument("--methods", default=",".join(METHODS), help="comma-separated")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,12 @@ from radalt.evaluation.results.break_point import (
     BREAK_PD,
     BreakPoint,
     Gain,
-    break_point,
+    break_point_of,
     mean_gain,
     protection_gain,
 )
 from radalt.evaluation.results.folder import RunFolder
-from radalt.evaluation.results.page import render
+from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import interval, metres, number, table
 
@@ -37,7 +36,7 @@ Row = dict[str, Any]
 Case = tuple[str, float]  # interferer and overlap
 Breaks = dict[Case, dict[str, BreakPoint]]
 
-# the methods' own, and for networks what those leave; a marker and dash each, so that print in grey keeps them apart
+# those of the methods, and for networks colours, markers and dashes that differ from them also in grey
 STYLES = {
     "fc": PlotStyle("#F0E442", "<", ":"),
     "cnn": PlotStyle("#8C6D1F", ">", ":"),
@@ -48,12 +47,12 @@ _EMITTERS = f"{EMITTERS}, unless called ideal"
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
-PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and what ships
-PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # what the paper's networks were trained for
+PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and the default network
+PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # the range that the paper's networks were trained for
 PANELS = ("qpsk_shaped", "nr5", "nr10", "mixture")  # interferers of the figure
-CURVES = ("none", "whitening", "ofdm_cancel", "hybrid", "paper", "compact")  # its methods
-IDEAL = "_ideal"  # ends the name of an interferer without error vectors
-SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
+CURVES = ("none", "whitening", "ofdm_cancel", "hybrid", "paper", "compact")  # methods of the figure
+IDEAL = "_ideal"  # suffix of an interferer's name without error vectors
+SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # interferers of the sweep over SIR
 
 
 def curves(rows: Sequence[Row]) -> dict[Case, dict[str, list[Row]]]:
@@ -68,15 +67,14 @@ def curves(rows: Sequence[Row]) -> dict[Case, dict[str, list[Row]]]:
 
 def break_points(rows: Sequence[Row]) -> Breaks:
     """Break-point of every method in every case (`results.break_point`)."""
-    columns = ("sir_db", "pd", "pd_low", "pd_high")
     return {
-        case: {name: break_point(*([r[c] for r in mine] for c in columns)) for name, mine in methods.items()}
+        case: {name: break_point_of(mine) for name, mine in methods.items()}
         for case, methods in curves(rows).items()
     }
 
 
 def gains(breaks: Breaks, base: str, method: str) -> dict[Case, Gain]:
-    """Protection gain of ``method`` against ``base`` by case, where anything is known of it."""
+    """Protection gain of ``method`` against ``base`` by case, unknown ones left out."""
     pairs = {
         case: protection_gain(v[base], v[method]) for case, v in breaks.items() if {base, method} <= set(v)
     }
@@ -88,7 +86,7 @@ def _special(rows: Sequence[Row], name: str) -> dict[str, Row]:
 
 
 def targets(rows: Sequence[Row], breaks: Breaks) -> list[str]:
-    """The targets that this report can decide, one line each."""
+    """A line for each target that these rows can decide."""
     lines = []
     case = {name: row["rmse_forced_m"] for name, row in _special(rows, PAPER_CASE).items()}
     wirings = [case[m] for m in ("lms", "lms_reference_input") if case.get(m)]
@@ -135,7 +133,7 @@ def _both_table(breaks: Breaks, names: Sequence[str]) -> str:
     lines = []
     for (name, overlap), typical in breaks.items():
         ideal = breaks.get((f"{name}{IDEAL}", overlap))
-        if name == "tones":  # without symbols there is nothing to err
+        if name == "tones":  # no symbols, no error vectors
             ideal = typical
         if ideal is not None:
             lines.append([name, f"{overlap:g}", *(f"{ideal[m]} / {typical[m]}" for m in names)])
@@ -144,7 +142,7 @@ def _both_table(breaks: Breaks, names: Sequence[str]) -> str:
 
 
 def _wrong_table(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """Wrong and called valid over all SIRs of a case that a method was measured at, and the 95 % upper bound of it."""
+    """Rate of wrong and valid altitudes over all SIRs of a case that a method was measured at, and its 95 % bound."""
     lines = []
     for (name, overlap), methods in curves(rows).items():
         scores = [pool(methods[m]) for m in names]
@@ -166,7 +164,7 @@ def _score_table(rows: Sequence[Row], name: str) -> str:
 
 
 def _error_table(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """Forced RMSE of the paper's networks over SIR and overlap, on the interferer that they were trained for."""
+    """Forced RMSE of the paper's networks over SIR and overlap, under the interferer that they were trained for."""
     chosen = [name for name in PAPERS if name in names]
     found = {
         (r["overlap"], r["sir_db"], r["method"]): r for r in rows if r["interferer"] == "qpsk_rectangular"
@@ -187,22 +185,21 @@ def _error_table(rows: Sequence[Row], names: Sequence[str]) -> str:
 
 
 def _returns_table(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """One line per return and interferer; a name with a comma is such a case."""
+    """A line per kind of return and interferer; names of such cases have a comma."""
     lines = []
     for case in dict.fromkeys(row["interferer"] for row in rows if ", " in row["interferer"]):
         found = _special(rows, case)
         interferer, ground = case.split(", ")
         cells = [f"{found[m]['pd']:.2f} / {metres(found[m]['rmse_detected_m'])}" for m in names]
         lines.append([ground, interferer, number(found[names[0]]["sir_db"], 1), *cells])
-    return table(["return", "interferer, whole frame", "SIR / dB", *names], lines)
+    return table(["return", "interferer, full overlap", "SIR / dB", *names], lines)
 
 
 def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], run: Run) -> Path:
-    """``report.md``, ``report.json`` and the figures of a finished run; returns the page."""
+    """Write the figures, ``report.md`` and ``report.json``; returns the page."""
     breaks = break_points(rows)
     special = bool(_special(rows, "clean"))
-    report = folder.head | {
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    report = {
         "targets": targets(rows, breaks),
         "break_points": [
             {"interferer": case[0], "overlap": case[1], "method": name} | vars(found) | {"text": str(found)}
@@ -210,33 +207,28 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
             for name, found in methods.items()
         ],
         "rows": list(rows),
-        "run": run.as_dict(),
     }
     figures = []
     if breaks:
         draw_pd(folder.path / "pd.png", rows, names)
         figures.append(("pd.png", "Pd over SIR at full overlap"))
-    page = render(
-        Path(__file__).with_name("evaluate.md.j2"),
-        **report,
-        break_table=_break_table(breaks, names) if breaks else "",
-        both_table=_both_table(breaks, names),
-        wrong_table=_wrong_table(rows, names) if breaks else "",
-        clean_table=_score_table(rows, "clean") if special else "",
-        paper_table=_score_table(rows, PAPER_CASE),
-        error_table=_error_table(rows, names) if breaks else "",
-        returns_table=_returns_table(rows, names),
-        figures=figures,
-    )
-    path = folder.write_text("report.md", page)
-    folder.write_report(report)
-    return path
+    values = {
+        "break_table": _break_table(breaks, names) if breaks else "",
+        "both_table": _both_table(breaks, names),
+        "wrong_table": _wrong_table(rows, names) if breaks else "",
+        "clean_table": _score_table(rows, "clean") if special else "",
+        "paper_table": _score_table(rows, PAPER_CASE),
+        "error_table": _error_table(rows, names) if breaks else "",
+        "returns_table": _returns_table(rows, names),
+        "figures": figures,
+    }
+    return write_result(folder, Path(__file__).with_name("evaluate.md.j2"), run.as_dict(), report, values)
 
 
 def beat_spectra(
     path: Path, waveform: Waveform, frames: dict[str, np.ndarray], altitude_m: float, title: str
 ) -> None:
-    """Beat spectra of the same frame as the altimeter sees them, one panel per method: {label: (N,) complex}."""
+    """Beat spectra of the altimeter, a panel per method; ``frames`` is {label: (N,) complex}."""
     altimeter = shared_altimeter(waveform, AltimeterSettings())
     rows = -(-len(frames) // 2)
     figure, axes = plt.subplots(

@@ -1,14 +1,15 @@
-"""One set of weights at sweeps it was not trained on, against no mitigation and whitening.
+"""One set of weights at sweeps that it was not trained on, against no mitigation and whitening.
 
     PYTHONPATH=python .venv/bin/python training/evaluate_sweeps.py --publish docs
     PYTHONPATH=python .venv/bin/python training/evaluate_sweeps.py --sweeps own,10M --trials 10
 
 Runs in the runtime environment, without PyTorch. A point is one interferer at one overlap of one sweep, down to the SIR
-where every method has clearly failed: two SIRs with Pd below 0.3. A killed run goes on with --resume.
+where every method has failed: two SIRs with Pd below 0.3. --resume completes a stopped run.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -18,7 +19,7 @@ from typing import Any, ClassVar
 
 import evaluate
 import numpy as np
-from evaluate import SNR_DB, Delayed, Scenes
+from evaluate import FAILED_PD, SNR_DB, Delayed, Scenes
 
 from radalt.core.interference import QpskEmitter, ToneEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
@@ -27,21 +28,20 @@ from radalt.core.mitigation.tcae import default_model_path
 from radalt.core.paths import model_path
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.waveform import Waveform
-from radalt.evaluation.engine import command, options
+from radalt.evaluation.engine.options import Parser, names_of, number
+from radalt.evaluation.engine.shell import StudyCommand
 from radalt.evaluation.engine.study import Point, Run, Study
-from radalt.evaluation.results.break_point import BreakPoint, break_point
+from radalt.evaluation.results.break_point import BreakPoint, break_point_of
 from radalt.evaluation.results.chain import Chain, seconds_per_frame
 from radalt.evaluation.results.folder import RunFolder
-from radalt.evaluation.results.page import render
+from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.proportion import clopper_pearson_bound, wilson_interval
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 from radalt.evaluation.results.table import table
 
-PROGRAM = "evaluate_sweeps"
 ROOT = Path(__file__).resolve().parent.parent
-DRAW = 707  # of evaluate's seeds, none of which anything was fixed on; 700 to 706 were looked at
-GIVEN_UP_PD = 0.3
+DRAW = 707  # seed of the frames; no setting was chosen on those of 707 (700 to 706 have been looked at)
 SIRS_DB = tuple(float(sir) for sir in range(-10, -61, -5))
 OVERLAPS = (0.3, 0.6, 1.0)
 ALONE = ("noise alone", "interference alone")
@@ -65,19 +65,8 @@ CHAINS = (
     ),
 )
 COLUMNS = Columns(
-    (
-        "sweep",
-        "interferer",
-        "overlap",
-        "sir_db",
-        "method",
-        "trials",
-        "declared",
-        "correct",
-        "pd",
-        "pd_low",
-        "pd_high",
-    ),
+    ("sweep", "interferer", "overlap", "sir_db", "method")
+    + ("trials", "declared", "correct", "pd", "pd_low", "pd_high"),
     text=frozenset({"sweep", "interferer", "method"}),
     whole=frozenset({"trials", "declared", "correct"}),
 )
@@ -85,9 +74,9 @@ Row = dict[str, Any]
 
 
 def emitters(waveform: Waveform) -> dict[str, list[object]]:
-    """Interferers by name: QPSK on 26.7 % of the sweep's band, NR of 5 MHz, or 10 MHz for sweeps above 12 MHz.
+    """Interferers by name: QPSK on 26.7 % of the sweep's band, NR of 5 MHz, or of 10 MHz for sweeps above 12 MHz.
 
-    At the default sweep all those of `evaluate`, to compare with the network that was trained for it alone.
+    At the default sweep they are those of `evaluate`, for the comparison with the network trained for it alone.
     """
     if waveform == Waveform():
         return evaluate.emitters(TYPICAL)
@@ -106,12 +95,12 @@ def emitters(waveform: Waveform) -> dict[str, list[object]]:
 
 
 def correct_limit_m(waveform: Waveform) -> float:
-    """5 m, or a quarter of a resolution cell where that is more, as 5 m is at 7.5 MHz."""
+    """Largest error of a correct altitude: a quarter of a resolution cell, at least 5 m, which it is at 7.5 MHz."""
     return max(CORRECT_LIMIT_M, 0.25 * waveform.range_resolution_m)
 
 
 def described(waveform: Waveform) -> str:
-    """In words, for tables."""
+    """A sweep in words, for tables."""
     text = (
         f"{waveform.bandwidth_hz / 1e6:g} MHz, {waveform.sweep_s * 1e3:g} ms, {waveform.rate_hz / 1e6:g} MS/s"
     )
@@ -126,7 +115,7 @@ def scenes_of(sweep: str, trials: int) -> Scenes:
 
 @dataclass(frozen=True)
 class SweepPoint(Point):
-    """One interferer at one overlap of a sweep; `ALONE` and ``clean`` have no SIR."""
+    """An interferer at one overlap of a sweep; `ALONE` and ``clean`` have no SIR."""
 
     sweep: str = "own"
     interferer: str = "clean"
@@ -170,7 +159,7 @@ class SweepStudy(Study):
         ]
 
     def measure(self, point: SweepPoint) -> list[Row]:
-        """Rows by SIR and method; a method leaves a case after two SIRs with Pd below 0.3."""
+        """Rows by SIR and method; a method is not run further after two SIRs with Pd below 0.3."""
         waveform = SWEEPS[point.sweep]
         if point.interferer in ALONE:
             return self._without_return(point, waveform)
@@ -184,14 +173,14 @@ class SweepStudy(Study):
             for chain in [c for c, count in failures.items() if count < 2]:
                 results, _ = chain.results(frames, waveform)
                 row = _row(point, sir_db, chain, results, scenes.altitude_m)
-                failures[chain] = failures[chain] + 1 if row["pd"] < GIVEN_UP_PD else 0
+                failures[chain] = failures[chain] + 1 if row["pd"] < FAILED_PD else 0
                 rows.append(row)
             if min(failures.values()) >= 2:
                 break
         return rows
 
     def _without_return(self, point: SweepPoint, waveform: Waveform) -> list[Row]:
-        """Noise, with NR in three fifths of the frame or without, and no return: nothing declared is right."""
+        """Noise, with or without NR in three fifths of the frame, and no return: every declared altitude is wrong."""
         trials = 10 * self.trials
         rng = np.random.default_rng([DRAW, 1])
         shape = (trials, waveform.samples_per_frame)
@@ -206,30 +195,22 @@ class SweepStudy(Study):
         return [_row(point, None, chain, chain.results(frames, waveform)[0], nowhere) for chain in CHAINS]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[Row]], run: Run) -> Path:
-        """``report.md`` and ``report.json``."""
-        found = rows["rows"]
-        report = folder.head | {"rows": found, "run": run.as_dict()}
-        page = render(
-            Path(__file__).with_name("evaluate_sweeps.md.j2"),
-            **report,
-            break_table=break_table(found),
-            alone_table=alone_table(found),
-        )
-        path = folder.write_text("report.md", page)
-        folder.write_report(report)
-        return path
+        """See `Study`."""
+        tables = {"break_table": break_table(rows["rows"]), "alone_table": alone_table(rows["rows"])}
+        template = Path(__file__).with_name("evaluate_sweeps.md.j2")
+        return write_result(folder, template, run.as_dict(), rows, tables)
 
     def seconds(self, point: SweepPoint) -> float:
-        """See `Study`; on the average a method leaves a case halfway."""
+        """See `Study`; on average a method runs on half of a case's SIRs."""
         waveform = SWEEPS[point.sweep]
         each = sum(seconds_per_frame(c.method, waveform, c.settings, c.options) for c in CHAINS)
         return 0.5 * point.frames * each
 
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
-        """See `Study`; frames at 20 and 40 MS/s, and emitters with clocks of their own, cost more than the methods."""
+        """See `Study`; frames at 20 and 40 MS/s and delayed emitters cost more than the methods."""
         short = replace(self, trials=min(4, self.trials))
         points = [p for p in short.points() if p.overlap == OVERLAPS[1] and p.interferer not in ALONE]
-        last = {p.sweep: p for p in points}  # of each sweep one point
+        last = {p.sweep: p for p in points}  # a point of each sweep
         return tuple((short, p) for p in last.values())
 
 
@@ -252,21 +233,20 @@ def break_points(rows: Sequence[Row]) -> dict[tuple[str, str, float], dict[str, 
         if row["sir_db"] is not None:
             case = curves.setdefault((row["sweep"], row["interferer"], row["overlap"]), {})
             case.setdefault(row["method"], []).append(row)
-    columns = ("sir_db", "pd", "pd_low", "pd_high")
     return {
-        case: {name: break_point(*([r[c] for r in mine] for c in columns)) for name, mine in methods.items()}
+        case: {name: break_point_of(mine) for name, mine in methods.items()}
         for case, methods in curves.items()
     }
 
 
 def _wrong(rows: Sequence[Row]) -> str:
-    """Share of frames that were declared and not correct."""
+    """Share of frames with a wrong and valid altitude."""
     trials, wrong = (sum(r["trials"] for r in rows), sum(r["declared"] - r["correct"] for r in rows))
     return f"{wrong / trials:.3f}"
 
 
 def break_table(rows: Sequence[Row]) -> str:
-    """Break-points of a case in a line, and how often the network's altitude was wrong and valid."""
+    """A line per case: break-points, and shares of wrong and valid altitudes."""
     lines, names = [], [chain.label for chain in CHAINS]
     for (sweep, interferer, overlap), found in break_points(rows).items():
         best = min(b.sir_db for b in found.values())
@@ -286,7 +266,7 @@ def break_table(rows: Sequence[Row]) -> str:
 
 
 def alone_table(rows: Sequence[Row]) -> str:
-    """Declared frames without a return, with their 95 % upper bound and the design's rate; Pd without interference."""
+    """Pd without interference; declared frames without a return, their 95 % bound and the CFAR's design rate."""
     lines, names = [], [chain.label for chain in CHAINS]
     for what in ("clean", *ALONE):
         for sweep in dict.fromkeys(row["sweep"] for row in rows):
@@ -314,21 +294,19 @@ def describe(rows: Sequence[Row]) -> str:
     return f"{rows[0]['sweep']}, {rows[0]['interferer']}: declared {about}"
 
 
-@options.command(PROGRAM)
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
-    parser = options.Parser(PROGRAM, __doc__)
-    options.add_options(parser, out=str(ROOT / "results" / "sweeps"), time_limit_s=7200.0)
+def _arguments(parser: Parser) -> None:
     parser.add_argument("--sweeps", default=",".join(SWEEPS), help=f"comma-separated, of {', '.join(SWEEPS)}")
-    parser.add_argument("--trials", type=options.number(int, 2, 100_000), default=30, help="frames per SIR")
-    args = parser.parse_args(argv)
-    how = options.options_of(args, parser)
-    names = tuple(dict.fromkeys(name.strip() for name in args.sweeps.split(",")))
-    strange = next((name for name in names if name not in SWEEPS), None)
-    if strange is not None:
-        parser.error(f"--sweeps holds {strange!r}; known: {', '.join(SWEEPS)}")
-    study = SweepStudy(names, args.trials)
-    return command.main(lambda: study, how, program=PROGRAM, dry_run=args.dry_run, describe=describe)
+    parser.add_argument("--trials", type=number(int, 2, 100_000), default=30, help="frames per SIR")
+
+
+def _study(args: argparse.Namespace, parser: Parser) -> SweepStudy:
+    return SweepStudy(names_of(parser, "--sweeps", args.sweeps, SWEEPS), args.trials)
+
+
+OUT = str(ROOT / "results" / "sweeps")
+main = StudyCommand(
+    "evaluate_sweeps", __name__, _arguments, _study, describe, out=OUT, time_limit_s=7200.0
+).main
 
 
 if __name__ == "__main__":

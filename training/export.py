@@ -1,14 +1,13 @@
-"""Export a trained network to ONNX with the module's contract, check it against PyTorch, make smaller
-variants.
+"""Export a trained network to ONNX with the module's contract, check it against PyTorch, and make smaller variants.
 
     PYTHONPATH=python .venv-train/bin/python training/export.py compact --out models/tcae.onnx
     PYTHONPATH=python .venv-train/bin/python training/export.py any_sweep --any-sweep --out models/any_sweep.onnx
 
 The second writes a network that serves every sweep. ``--weights`` takes weights and provenance from an exported model.
 
-Variants store or compute weights in fewer bits: ``float32``; ``float16`` and ``int8`` store them so and
-widen them once when the model is loaded (the arithmetic stays float32); ``int8-dynamic`` computes matrix
-products in int8; ``int8-static`` computes convolutions in int8, with ranges from examples of the training data.
+Variants use fewer bits than ``float32``: ``float16`` and ``int8`` store the weights so and widen them when the model is
+loaded (the arithmetic stays float32); ``int8-dynamic`` computes matrix products in int8; ``int8-static`` computes
+convolutions in int8, with ranges from examples of the training data.
 """
 
 from __future__ import annotations
@@ -42,19 +41,19 @@ from radalt.core.waveform import Waveform
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCE = 1e-4  # relative error of the exported graph against PyTorch
 PRECISIONS = ("float32", "float16", "int8", "int8-dynamic", "int8-static")
-_CALIBRATION = 32  # examples
-# for the check of a network for any sweep
+_CALIBRATION = 32  # examples from which int8-static takes its ranges
+# sweeps on which a network for any sweep is checked
 SWEEPS = (
     Waveform(5e6, 0.3e-3, 7.5e6),
     Waveform(),
     Waveform(15e6, 1e-3, 15e6, centered=False),
     Waveform(1e6, 10e-3, 2e6),
 )
-_SMALL = 1024  # tensors below this many elements stay float32
+_SMALL = 1024  # elements below which a tensor stays float32: its bytes do not matter
 
 
 def git_revision() -> str:
-    """Last commit of what a model is made from, ``-dirty`` if such files differ from it, ``unknown`` outside git."""
+    """Last commit of a model's sources, with ``-dirty`` if they differ from it; ``unknown`` outside git."""
     sources = ["training/*.py", "training/networks", "python/radalt/core"]
 
     def git(*command: str) -> str:
@@ -69,7 +68,7 @@ def git_revision() -> str:
 
 
 def exported_metadata(model: Path) -> dict[str, str]:
-    """What an exported model says of itself."""
+    """Metadata of an exported model."""
     return {entry.key: entry.value for entry in onnx.load(str(model)).metadata_props}
 
 
@@ -112,11 +111,11 @@ def export(network: torch.nn.Module, entries: dict[str, str], path: Path) -> Non
 
 def export_any_sweep(network: torch.nn.Module, entries: dict[str, str], path: Path) -> None:
     """Write the float32 graph that takes the tables of a sweep as inputs."""
-    waveform = SWEEPS[0]  # all its sizes differ from those of the training sweep
+    waveform = SWEEPS[0]  # a sweep whose sizes all differ from those of the training sweep
     layout = layout_of(waveform)
     tables = Tables(waveform, layout).state()
     frames = {0: "batch", 2: "samples"}
-    # a convolution has to know all but the first size of its weights
+    # sizes that stay fixed: a convolution needs all but the first size of its weights
     fixed = {"ramp": (1, 2), "local": (1, 2), "halves": (0,), "stretch": (0,), "place": (0,)}
     axes = {"iq": frames, "clean": frames} | {
         name: {k: f"{name}_{k}" for k in range(t.ndim) if k not in fixed.get(name, ())}
@@ -144,7 +143,7 @@ def _write(
             str(path),
             dynamo=False,
             opset_version=17,
-            do_constant_folding=False,  # weights keep their names; ONNX Runtime folds when it loads
+            do_constant_folding=False,  # so that weights keep their names; ONNX Runtime folds when it loads
             input_names=[name for name in axes if name != "clean"],
             output_names=["clean"],
             dynamic_axes=axes,
@@ -189,7 +188,7 @@ def narrow(source: Path, target: Path, precision: str) -> None:
 
 
 def _fold(source: Path, target: Path) -> None:
-    """Write a model whose constants are computed: the quantiser takes no weights that a node scales."""
+    """Write a model with folded constants: the quantiser does not accept weights that a node scales."""
     options = onnxruntime.SessionOptions()
     options.optimized_model_filepath = str(target)
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
@@ -197,7 +196,7 @@ def _fold(source: Path, target: Path) -> None:
 
 
 class _Calibration:
-    """Examples of the training data, four at a time, as `quantize_static` asks for them."""
+    """Examples of the training data for `quantize_static`, four at a time."""
 
     def __init__(self, entries: dict[str, str]) -> None:
         received, _, _ = make_batch(
@@ -213,7 +212,7 @@ class _Calibration:
 
 
 def _store(model: onnx.ModelProto, precision: str) -> None:
-    """Replace large float32 initialisers by narrow ones that are widened by constant nodes."""
+    """Replace large float32 initialisers by narrow ones with constant nodes that widen them."""
     graph = model.graph
     nodes, kept = [], []
     for tensor in list(graph.initializer):
@@ -226,7 +225,7 @@ def _store(model: onnx.ModelProto, precision: str) -> None:
             kept.append(numpy_helper.from_array(values.astype(np.float16), name + ".float16"))
             nodes.append(helper.make_node("Cast", [name + ".float16"], [name], to=TensorProto.FLOAT))
             continue
-        axes = tuple(range(1, values.ndim))  # one scale a row
+        axes = tuple(range(1, values.ndim))  # one scale per row
         scale = np.maximum(np.abs(values).max(axis=axes, keepdims=True), 1e-30).astype(np.float32) / 127
         codes = np.rint(values / scale).astype(np.int8)
         kept += [
@@ -243,7 +242,7 @@ def _store(model: onnx.ModelProto, precision: str) -> None:
 
 
 def session(path: Path, threads: int = 1) -> onnxruntime.InferenceSession:
-    """Session as the module opens it."""
+    """Session with the module's options."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 3
@@ -288,7 +287,7 @@ def milliseconds(path: Path, repeats: int = 200) -> float:
 
 
 def main() -> int:
-    """Command line; the exit status says whether the export agrees with PyTorch."""
+    """Export; returns 1 if the graph does not agree with PyTorch."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -345,7 +344,7 @@ def _describe(path: Path, network: torch.nn.Module, recipe_name: str) -> None:
     content = path.read_bytes()
     error = relative_error(path, network, recipe_name)
     print(
-        f"{path.name}: {len(content)} bytes, {milliseconds(path):.2f} ms a frame on one thread, "
+        f"{path.name}: {len(content)} bytes, {milliseconds(path):.2f} ms per frame on one thread, "
         f"relative error {error:.2e}, sha256 {hashlib.sha256(content).hexdigest()}"
     )
 

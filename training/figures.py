@@ -39,7 +39,7 @@ def draw_beats(path: Path) -> None:
 
 @options.command("figures")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw all; returns 0, or 2 after one line about what does not fit."""
+    """Draw all; returns 0, or 2 after one line about an error."""
     parser = options.Parser("figures", __doc__)
     parser.add_argument(
         "--out", type=options.path, default=ROOT / "docs" / "figures", help="folder (default: docs/figures)"

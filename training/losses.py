@@ -14,23 +14,22 @@ __all__ = ["BeatLoss", "sample_loss"]
 class BeatLoss(nn.Module):
     """Mean log of the normalised error of the beat spectra after the best complex scale.
 
-    For each half sweep, ``1 - |<y, s>|^2 / (|y|^2 |s|^2)`` with ``y`` and ``s`` the beat cells (one a half
-    sweep, 2 kHz) of output and clean return over the beats of 0-1500 m and 15 cells more on each side: one
-    minus the squared coherence, so scale and phase do not matter and every decibel of signal to error counts
-    the same.
+    For each half sweep it is ``1 - |<y, s>|^2 / (|y|^2 |s|^2)``, with ``y`` and ``s`` the beat cells (2 kHz) of output
+    and clean return over the beats of 0 to 1500 m and ``margin`` cells on each side: one minus the squared coherence.
+    Scale and phase do not matter, and every decibel of signal to error counts the same.
 
     Parameters
     ----------
     waveform : Waveform
     max_altitude_m : float
     margin : int
-        Where frames without a return are in the data it has to hold what the altimeter takes for noise, or the network
-        cuts that off.
+        Cells on each side. With frames without a return in the data, they have to include those from which the
+        altimeter takes its noise level, or the network removes them.
     floor : float
-        Error share below which nothing more is asked for.
+        Error share below which the loss falls no further.
     faint : float
-        Coherence below which nothing is lost any more: minus the log of the coherence is added above it, so that a
-        return which hardly stands out of what is left counts by decibels, too. 0 adds nothing.
+        Coherence below which the loss rises no further: minus the log of the coherence is added, so that a return
+        hardly above the residual counts by decibels, too. 0 adds nothing.
     """
 
     def __init__(

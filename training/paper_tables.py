@@ -1,14 +1,15 @@
-"""The tables of the paper and of its predecessor, with the networks that are there.
+"""The tables of the paper and of its predecessor, with the networks of a folder.
 
     PYTHONPATH=python .venv/bin/python training/paper_tables.py
     PYTHONPATH=python .venv/bin/python training/paper_tables.py --models FOLDER --networks fc,cnn,paper
 
 RMSE over SINR and overlap with LMS beside it, Pd over overlap, peak-to-sidelobe ratio and range error over SIR, false
-altitudes on the landing. Runs in the runtime environment, without PyTorch. A killed run goes on with --resume.
+altitudes on the landing. Runs in the runtime environment, without PyTorch. --resume completes a stopped run.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,15 +23,18 @@ from evaluate import FIRST_DRAW, NETWORKS, SEED, SNR_DB, Scenes, chain_of, emitt
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.waveform import Waveform
-from radalt.evaluation.engine import command, options
-from radalt.evaluation.engine.study import Point, Run, Study
-from radalt.evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
+from radalt.evaluation.engine.chain_study import ChainStudy
+from radalt.evaluation.engine.options import Parser, names_of, number, path
+from radalt.evaluation.engine.shell import StudyCommand
+from radalt.evaluation.engine.study import Point, Run
+from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import RunFolder
-from radalt.evaluation.results.page import render
+from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.proportion import clopper_pearson_bound
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
-from radalt.evaluation.results.table import DASH, metres, number, table
+from radalt.evaluation.results.table import DASH, metres, table
+from radalt.evaluation.results.table import number as number_of
 from radalt.studies.landing.config import ApproachSpec, load_config
 from radalt.studies.landing.points import approach_frames, impaired
 
@@ -39,8 +43,8 @@ BESIDE = ("none", "lms", "lms_reference_input")
 SINRS_DB = (0.0, -5.0, -10.0, -15.0)
 OVERLAPS = (0.25, 0.5, 0.75, 1.0)
 SIRS_DB = (0.0, -5.0, -10.0, -15.0, -20.0)
-LANDING_SIR_DB = -20.0 - 10.0 * float(np.log10(2.0))  # of tones and QPSK together, each at -20 dB
-# What the authors state: "over 400 m" without mitigation, "more than 85%" less than LMS (arXiv:2505.22783, abstract)
+LANDING_SIR_DB = -20.0 - 10.0 * float(np.log10(2.0))  # tones and QPSK together, each at -20 dB
+# Statements of the authors: "over 400 m" without mitigation, "more than 85%" less than LMS (arXiv:2505.22783, abstract)
 STATED = {(-15.0, 1.0): "none above 400, TCAE more than 85 % below LMS"}
 Row = dict[str, Any]
 COLUMNS = Columns(
@@ -67,7 +71,7 @@ def _scenes(trials: int) -> Scenes:
 
 
 @dataclass(frozen=True)
-class PaperTables(Study):
+class PaperTables(ChainStudy):
     """``trials`` frames per point, ``landing_frames`` of the approach; either may be 0."""
 
     chains: tuple[Chain, ...]
@@ -76,11 +80,6 @@ class PaperTables(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {"rows.csv": "data/paper_tables.csv"}
-
-    @property
-    def needs_network(self) -> bool:
-        """See `Study`."""
-        return bool(self.files())
 
     def check(self) -> None:
         """See `Study`; raises `MitigationError` where a model does not fit."""
@@ -117,7 +116,7 @@ class PaperTables(Study):
         return (swept if n else []) + (landing if flown else [])
 
     def _frames(self, point: TablePoint) -> tuple[np.ndarray, np.ndarray, Chain]:
-        """(n, N) frames, (n,) altitudes in metres, and the chain whose altimeter reads them."""
+        """(n, N) frames, (n,) altitudes in metres, and a chain with the altimeter for them."""
         if point.part != "landing":
             scenes = _scenes(self.trials)
             noise = 10.0 ** (-SNR_DB / 10.0) if point.part == "sinr" else 0.0
@@ -137,7 +136,7 @@ class PaperTables(Study):
         return frames[:, 0], truth.height_m, Chain("none", "none", settings=config.altimeter)
 
     def measure(self, point: TablePoint) -> list[Row]:
-        """One row a method, all on the same frames."""
+        """A row per method, all on the same frames."""
         frames, altitude_m, like = self._frames(point)
         rows = []
         for chain in self.chains:
@@ -148,36 +147,22 @@ class PaperTables(Study):
         return rows
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[Row]], run: Run) -> Path:
-        """``report.md`` and ``report.json``; returns the page."""
+        """See `Study`."""
         names, found = folder.head["methods"], rows["rows"]
-        report = folder.head | {"rows": found, "run": run.as_dict()}
-        page = render(
-            Path(__file__).with_name("paper_tables.md.j2"),
-            **report,
-            sinr_table=_grid(found, "sinr", names, lambda r: metres(r["rmse_forced_m"]), STATED),
-            pd_table=_grid(found, "sinr", names, lambda r: number(r["pd"], 2)),
-            ratio_table=_grid(found, "sir", names, lambda r: number(r["peak_to_sidelobe_db"], 1)),
-            range_table=_grid(found, "sir", names, _errors),
-            landing_table=_landing(found),
+        tables = {
+            "sinr_table": _grid(found, "sinr", names, lambda r: metres(r["rmse_forced_m"]), STATED),
+            "pd_table": _grid(found, "sinr", names, lambda r: number_of(r["pd"], 2)),
+            "ratio_table": _grid(found, "sir", names, lambda r: number_of(r["peak_to_sidelobe_db"], 1)),
+            "range_table": _grid(found, "sir", names, _errors),
+            "landing_table": _landing(found),
+        }
+        return write_result(
+            folder, Path(__file__).with_name("paper_tables.md.j2"), run.as_dict(), rows, tables
         )
-        path = folder.write_text("report.md", page)
-        folder.write_report(report)
-        return path
 
     def seconds(self, point: TablePoint) -> float:
         """See `Study`."""
-        waveform = Waveform()
-        return point.frames * sum(
-            seconds_per_frame(c.method, waveform, c.settings, c.options) for c in self.chains
-        )
-
-    def files(self) -> dict[str, Path]:
-        """The networks."""
-        return model_files(self.chains)
-
-    def with_files(self, files: Mapping[str, Path]) -> PaperTables:
-        """See `Study`."""
-        return replace(self, chains=chains_with(self.chains, files))
+        return point.frames * self.seconds_per_frame()
 
 
 def _about(model: Path) -> str:
@@ -227,7 +212,7 @@ def _landing(rows: Sequence[Row]) -> str:
         cells = []
         for r in (r for r in mine if r["method"] == method):
             wrong = r["detections"] - r["correct"]
-            cells += [f"{wrong} ({clopper_pearson_bound(wrong, r['trials']):.3f})", number(r["pd"], 2)]
+            cells += [f"{wrong} ({clopper_pearson_bound(wrong, r['trials']):.3f})", number_of(r["pd"], 2)]
         lines.append([method, *cells, DASH])
     header = ["method", "false", "Pd", "false, clean", "Pd, clean", "authors"]
     return table(header, lines) if lines else ""
@@ -238,30 +223,24 @@ def describe(rows: Sequence[Row]) -> str:
     return f"{rows[0]['interferer']}: Pd " + ", ".join(f"{r['method']} {r['pd']:.3g}" for r in rows)
 
 
-@options.command("paper_tables")
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
-    parser = options.Parser("paper_tables", __doc__)
-    options.add_options(parser, out=str(ROOT / "results" / "paper_tables"), time_limit_s=3600.0)
-    parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
-    parser.add_argument("--networks", default=",".join(NETWORKS), help=f"of {', '.join(NETWORKS)}")
-    parser.add_argument("--trials", type=int, default=150, help="frames per point; 0 leaves those tables out")
-    parser.add_argument(
-        "--landing-frames", type=int, default=200, help="frames of the approach; 0: no landing"
-    )
-    args = parser.parse_args(argv)
-    how = options.options_of(args, parser)
-    networks = [name.strip() for name in args.networks.split(",") if name.strip()]
-    strange = next((name for name in networks if name not in NETWORKS), None)
-    if strange is not None:
-        parser.error(f"--networks holds {strange!r}; known: {', '.join(NETWORKS)}")
-    if min(args.trials, args.landing_frames) < 0 or not args.trials + args.landing_frames:
-        parser.error(
-            f"--trials is {args.trials}, --landing-frames {args.landing_frames}; 0 or above, not both 0"
-        )
+def _arguments(parser: Parser) -> None:
+    add, count = parser.add_argument, number(int, 0, 1_000_000)
+    add("--models", type=path, default=ROOT / "models", help="folder of the networks' files")
+    add("--networks", default=",".join(NETWORKS), help=f"of {', '.join(NETWORKS)}")
+    add("--trials", type=count, default=150, help="frames per point; 0 leaves those tables out")
+    add("--landing-frames", type=count, default=200, help="frames of the approach; 0: no landing")
+
+
+def _study(args: argparse.Namespace, parser: Parser) -> PaperTables:
+    networks = names_of(parser, "--networks", args.networks, NETWORKS)
+    if not args.trials + args.landing_frames:
+        parser.error("--trials and --landing-frames are both 0; give one of them")
     chains = tuple(chain_of(name, args.models.resolve()) for name in (*BESIDE, *networks))
-    study = PaperTables(chains, args.trials, args.landing_frames)
-    return command.main(lambda: study, how, program="paper_tables", dry_run=args.dry_run, describe=describe)
+    return PaperTables(chains, args.trials, args.landing_frames)
+
+
+OUT = str(ROOT / "results" / "paper_tables")
+main = StudyCommand("paper_tables", __name__, _arguments, _study, describe, out=OUT, time_limit_s=3600.0).main
 
 
 if __name__ == "__main__":

@@ -11,9 +11,9 @@ __all__ = ["RECIPES", "Recipe"]
 
 @dataclass(frozen=True)
 class Recipe:
-    """What `train.py` needs to know.
+    """A recipe for `train.py`.
 
-    Parameters
+    Attributes
     ----------
     network, data : str
         Names in `networks.NETWORKS` and `configs.CONFIGS`.
@@ -25,17 +25,17 @@ class Recipe:
     schedule : str
         ``"cosine"`` (warm-up over 200 steps, cosine to 0) or ``"constant"``.
     bfloat16 : bool
-        Autocast of the forward pass where the processor has it.
+        Autocast of the forward pass if the processor supports it.
     start_from : str
-        Recipe whose checkpoint the network starts from; empty starts anew.
+        Recipe whose checkpoint the network starts from; empty for random weights.
     dropped_blocks : tuple of int
-        Gated blocks of that checkpoint's network which this one does without.
+        Gated blocks of that checkpoint's network that this one does not have.
     margin, faint, floor
-        Of `losses.BeatLoss`.
+        As in `losses.BeatLoss`.
     samples : int
-        Of a frame, at the default bandwidth and rate: the sweep is as much faster.
+        Samples per frame, at the default bandwidth and rate; they set the sweep's duration.
     stop : int
-        Step after which training ends, before the schedule does; 0 runs to ``steps``.
+        Step after which training ends, although the schedule is for ``steps``; 0 for ``steps``.
     """
 
     network: str
@@ -79,9 +79,9 @@ _SHORT = {
     "samples": 1_000,
 }
 RECIPES: dict[str, Recipe] = {
-    # the shipped model in seven parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear;
-    # then without what it can do without (training/networks/__init__.py); then more of what it was weak in; then frames
-    # almost without noise; then interferers with noise of their own
+    # the shipped model in seven parts: 2,750 steps of a schedule of 10,000; SIR down to -62 dB; interferers as a
+    # receiver hears them; the smaller network (training/networks/__init__.py); more NR and mixtures; SNR up to 45 dB;
+    # interferers with white noise of their own
     "compact_first": Recipe("compact_wide", steps=10_000, stop=2_750),
     "compact_deep": Recipe("compact_wide", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
     "compact_heard": Recipe("compact_wide", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
@@ -93,12 +93,12 @@ RECIPES: dict[str, Recipe] = {
     "compact": Recipe(
         "compact", data="noisy", batch=64, steps=8_000, rate=1e-3, faint=0.02, start_from="compact_ground"
     ),
-    # the same weights for any sweep, and for frames that hold no return
+    # for any sweep, and for frames without a return
     "any_sweep": Recipe(
         "compact", data="any_sweep", steps=5_000, rate=1e-3, start_from="compact_ground", margin=26
     ),
-    # both on, from their shipped weights (--start): typical transmitters, returns beyond the span as nothing, and a
-    # floor of the loss below what they add to clean frames
+    # both continued from their shipped weights (--start): typical transmitters, returns beyond the span treated as
+    # noise, and a floor of the loss below their error on clean frames
     "compact_typical": Recipe(
         "compact",
         data="typical",
@@ -122,14 +122,14 @@ RECIPES: dict[str, Recipe] = {
     "paper": Recipe("paper", data="paper", **_PAPER),
     "fc": Recipe("fc", data="paper", **_PAPER),
     "cnn": Recipe("cnn", data="paper", **_PAPER),
-    # the same with batch normalisation, without which it stands on the plateau at this rate (see cnn_short below)
+    # with batch normalisation, without which it stays on the plateau at this rate (see cnn_short below)
     "cnn_normalised": Recipe("cnn_normalised", data="paper", **_PAPER),
-    # what holds the convolutions on the plateau
+    # experiments: why the convolutions stay on the plateau
     "cnn_short": Recipe("cnn_300", **_SHORT),
     "cnn_short_rate_1e-4": Recipe("cnn_300", **(_SHORT | {"rate": 1e-4})),
     "cnn_short_rate_1e-5": Recipe("cnn_300", **(_SHORT | {"rate": 1e-5})),
     "cnn_short_normalised": Recipe("cnn_300_normalised", **_SHORT),
-    # what decides whether the paper's network leaves the plateau at 0.5: two thirds of an epoch, from random weights
+    # experiments: whether the paper's network leaves the plateau at 0.5; two thirds of an epoch, from random weights
     "plateau_paper": Recipe("paper", data="paper", stop=260, **_PAPER),
     "plateau_dropout_0": Recipe("paper_dropout_0", data="paper", stop=260, **_PAPER),
     "plateau_dropout_30": Recipe("paper_dropout_30", data="paper", stop=260, **_PAPER),

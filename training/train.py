@@ -1,10 +1,10 @@
-"""Train one recipe: resumable, one CSV row a report interval, curves drawn at the end.
+"""Train one recipe: resumable, a CSV row per report interval, curves at the end.
 
     make train ARGS="compact"    # or: PYTHONPATH=python .venv-train/bin/python training/train.py compact
     make train ARGS="compact --start models/tcae.onnx --recordings city.sigmf-meta harbour.sigmf-meta --name mine"
 
-State lies in ``training/runs/<recipe>/``: ``checkpoint.pt``, ``log.csv``, ``curves.png``. A kill at any time loses at
-most ten minutes: the same command goes on from the checkpoint.
+State lies in ``training/runs/<recipe>/``: ``checkpoint.pt``, ``log.csv``, ``curves.png``. A killed run loses at most
+ten minutes: the same command resumes it from the checkpoint.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from radalt.core.waveform import Waveform
 
 RUNS = Path(__file__).resolve().parent / "runs"
 COLUMNS = ("step", "examples", "epoch", "seconds", "rate", "train_loss", "validation_loss")
-_WARM_UP = 200
-_SAVE_EVERY_S = 600.0
-_SAY_EVERY_S = 10.0  # between two lines of progress; the first comes with the first step
+_WARM_UP = 200  # steps over which the learning rate rises
+_SAVE_EVERY_S = 600.0  # time between two checkpoints, at most
+_SAY_EVERY_S = 10.0  # time between two lines of progress, the first at the first step
 
 
 def normalise(planes: Tensor, kind: str) -> Tensor:
-    """(B, 2, N) frames divided as `radalt.core.mitigation.tcae` divides them before the network."""
+    """(B, 2, N) frames normalised as in `radalt.core.mitigation.tcae`."""
     if kind == "joint_rms":
         return planes / torch.sqrt(2 * torch.mean(planes**2, dim=(1, 2), keepdim=True)).clamp(min=1e-30)
     dims = (2,) if kind == "per_channel_peak" else (1, 2)
@@ -56,27 +56,27 @@ def normalise(planes: Tensor, kind: str) -> Tensor:
 def _produce(
     queue: multiprocessing.Queue, config: SceneConfig, recipe: Recipe, first: int, share: int
 ) -> None:
-    """Worker: fills the queue with batches for ever, one of ``share`` workers that take turns."""
+    """Worker: fills its queue with batches without end, one of ``share`` workers that take turns."""
     torch.set_num_threads(1)
     for made in batches(config, recipe.waveform, recipe.batch, first, share):
         queue.put(made)
 
 
 def _take(queue: multiprocessing.Queue, worker: multiprocessing.Process) -> tuple:
-    """The next batch; ChildProcessError where the worker has ended, which otherwise would be waited for for ever."""
+    """The next batch; raises ChildProcessError if the worker has ended, instead of waiting without end."""
     while True:
         try:
             return queue.get(timeout=5.0)
         except Empty:
             if not worker.is_alive():
                 raise ChildProcessError(
-                    f"the process that makes examples ended with status {worker.exitcode}; what is trained is kept, "
-                    "the same command goes on"
+                    f"the process that makes examples ended with status {worker.exitcode}; the training is kept, "
+                    "the same command resumes it"
                 ) from None
 
 
 def exported_weights(model: Path) -> dict[str, Tensor]:
-    """Trained weights by parameter name, as `export.py` wrote them; those stored in fewer bits widened.
+    """Trained weights by parameter name from a file of `export.py`, in float32.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def exported_weights(model: Path) -> dict[str, Tensor]:
 
 
 def without_blocks(weights: dict[str, Tensor], dropped: Sequence[int]) -> dict[str, Tensor]:
-    """Weights of a network whose gated blocks of these numbers are gone and the others close up."""
+    """Weights of the network without these gated blocks, the others renumbered."""
     kept = {}
     for name, values in weights.items():
         stack, _, rest = name.partition("blocks.")
@@ -118,7 +118,7 @@ def without_blocks(weights: dict[str, Tensor], dropped: Sequence[int]) -> dict[s
 
 
 class Trainer:
-    """State of one run; `run` goes on from wherever it stands."""
+    """State of one run; `run` continues from it."""
 
     def __init__(
         self,
@@ -148,7 +148,7 @@ class Trainer:
         self.validation = [(received, clean, sweep) for received, clean, _, sweep in sets]
 
     def _resume(self, start: Path | None) -> None:
-        """State of the checkpoint, else the weights to start from: an exported model's, or of the recipe before."""
+        """Load the checkpoint, else the weights to start from: an exported model's, or those of the recipe before."""
         weights = None
         path = self.folder / "checkpoint.pt"
         if path.is_file():
@@ -180,14 +180,14 @@ class Trainer:
         new = self.folder / "checkpoint.new"
         with new.open(
             "wb"
-        ) as file:  # on the disk before it takes the old one's name: a kill leaves one that is whole
+        ) as file:  # on disk before it replaces the old one, so that a kill leaves a complete one
             torch.save(state, file)
             file.flush()
             os.fsync(file.fileno())
         new.replace(self.folder / "checkpoint.pt")
 
     def _forget_rows_after(self, step: int) -> None:
-        """Rows written after the checkpoint was: their steps are done again."""
+        """Delete rows written after the checkpoint, whose steps are done again."""
         path = self.folder / "log.csv"
         if path.is_file():
             head, *rows = path.read_text().splitlines(keepends=True)
@@ -195,7 +195,7 @@ class Trainer:
             path.write_text(head + "".join(kept))
 
     def rate(self) -> float:
-        """Learning rate of the present step."""
+        """Learning rate of the current step."""
         if self.recipe.schedule == "constant":
             return self.recipe.rate
         warm = min(1.0, (self.step + 1) / _WARM_UP)
@@ -204,7 +204,7 @@ class Trainer:
 
     @lru_cache(maxsize=16)  # noqa: B019 - one trainer a process
     def _of(self, sweep: Waveform) -> tuple[tuple[Tables, ...], BeatLoss]:
-        """What the network takes beside frames of a sweep other than its own, and the loss."""
+        """Tables for the network if the sweep is not its own, and the loss."""
         tables = () if sweep == self.waveform else (Tables(sweep, layout_of(sweep)).to(self.device),)
         loss = BeatLoss(sweep, margin=self.recipe.margin, faint=self.recipe.faint, floor=self.recipe.floor)
         return tables, loss.to(self.device)
@@ -245,7 +245,7 @@ class Trainer:
         return float(loss.detach())
 
     def _makers(self, count: int) -> list[tuple[multiprocessing.Queue, multiprocessing.Process]]:
-        """Started workers and their queues, to be taken from in turn: the order of batches does not depend on them."""
+        """Started workers and their queues, read in turn: the order of batches does not depend on their number."""
         makers = []
         for k in range(count):
             queue: multiprocessing.Queue = multiprocessing.Queue(4)
@@ -260,7 +260,7 @@ class Trainer:
     def _made(
         self, makers: list[tuple[multiprocessing.Queue, multiprocessing.Process]]
     ) -> Iterator[tuple[np.ndarray, np.ndarray, Waveform]]:
-        """Batches from the present step on: from the stored set, else from the workers in turn."""
+        """Batches from the current step on, from the stored set or from the workers in turn."""
         if self.stored is not None:
             first = self.step * self.recipe.batch
             yield from batches(self.config, self.waveform, self.recipe.batch, first, stored=self.stored)
@@ -268,7 +268,7 @@ class Trainer:
             yield _take(*maker)
 
     def run(self, until: float, workers: int = 1) -> None:
-        """Train to the recipe's end or to the wall-clock time ``until`` (seconds since the epoch)."""
+        """Train to the recipe's end or until the wall-clock time ``until`` (seconds since the epoch)."""
         makers = self._makers(workers) if self.stored is None else []
         made = self._made(makers)
         recent: list[float] = []
@@ -297,7 +297,7 @@ class Trainer:
                 worker.join()
 
     def _say(self, step_s: float, allowed_s: float) -> None:
-        """Progress, on a terminal in one line that the next overwrites."""
+        """Print progress, on a terminal in a line that the next one overwrites."""
         left_s = min((self.last - self.step) * step_s, max(0.0, allowed_s))
         text = f"[{self.step}/{self.last}] {step_s:.2g} s a step, about {max(1, round(left_s / 60))} min left"
         print(text, end="\r" if sys.stdout.isatty() else "\n", flush=True)
@@ -341,7 +341,7 @@ def draw_curves(folder: Path) -> None:
 
 
 def _missing_before(recipe: Recipe, runs: Path) -> list[str]:
-    """Recipes to be trained before this one where there is no checkpoint, in this order."""
+    """Recipes without a checkpoint that have to be trained before this one, in order."""
     names: list[str] = []
     while recipe.start_from in RECIPES and not (runs / recipe.start_from / "checkpoint.pt").is_file():
         names.insert(0, recipe.start_from)
@@ -406,9 +406,9 @@ def main() -> None:
         parser.error(str(error))
     if trainer.step:
         beside = f", not from {args.start}" if args.start else ""
-        print(f"goes on from its own checkpoint at step {trainer.step}{beside}", flush=True)
+        print(f"resumes from its own checkpoint at step {trainer.step}{beside}", flush=True)
     elif args.start:
-        print(f"goes on from the weights of {args.start}; step count and optimiser start anew", flush=True)
+        print(f"starts from the weights of {args.start}, with a new step count and optimiser", flush=True)
     try:
         trainer.run(time.time() + 60 * args.minutes, args.workers)
     except ChildProcessError as error:
@@ -421,5 +421,5 @@ if __name__ == "__main__":
     try:
         main()
     except KeyboardInterrupt:  # in any of the recipes that a run begins with
-        print("\ntrain.py: stopped; the same command goes on from the last report", file=sys.stderr)
+        print("\ntrain.py: stopped; the same command resumes from the last report", file=sys.stderr)
         sys.exit(130)

@@ -15,7 +15,7 @@ from .paper import FullyConnected, Paper
 
 __all__ = ["NETWORKS", "build"]
 
-# what ships: two of seven blocks and two thirds of the spectral gains fewer
+# the shipped network: five of seven blocks, a third of the spectral gains
 _LEAN = {"dilations": (1, 2, 8, 32, 1), "spectrum_step": 15, "spectrum_smooth": 3}
 
 NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {

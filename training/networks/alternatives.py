@@ -16,8 +16,8 @@ __all__ = ["Mask", "Residual"]
 class Mask(nn.Module):
     """Masks on a Fourier-initialised filterbank of the received band: 75 bins, kernel 75, stride 15.
 
-    The prototype that is known to work: log-power and normalised features, learned position bias, eight
-    gated blocks of 48 channels, one sigmoid gain a bin, transposed convolution.
+    Log-power and normalised features, a learned position bias, eight gated blocks of 48 channels, a sigmoid gain per
+    bin, transposed convolution.
     """
 
     normalisation = "joint_rms"

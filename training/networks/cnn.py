@@ -16,7 +16,7 @@ from radalt.core.waveform import Waveform
 
 __all__ = ["Convolutional"]
 
-_CACHED = 16  # frames
+_CACHED = 16  # frames per FFT convolution, whose arrays then stay in the cache
 
 
 def _fast_length(least: int) -> int:
@@ -33,10 +33,9 @@ def _fast_length(least: int) -> int:
 
 
 class _LongConvolution(nn.Module):
-    """Convolution of stride 1 whose output is as long as its input; by FFT, but for the exported graph.
+    """Convolution of stride 1 whose output is as long as its input, by FFT except in an exported graph.
 
-    Mirrored in the decoder this is the transposed convolution: at stride 1 that is a convolution with the taps in
-    reverse, and taps are learned.
+    In the decoder it stands for the transposed convolution, which at stride 1 is a convolution with the taps reversed.
     """
 
     def __init__(self, entering: int, leaving: int, kernel: int, gain: float) -> None:
@@ -66,14 +65,14 @@ class _LongConvolution(nn.Module):
 
 
 def _pool(x: Tensor) -> tuple[Tensor, Tensor]:
-    """Max-pooling by 2: (B, C, L) -> (B, C, L/2), and where of each pair the larger one is the first."""
+    """Max-pooling by 2: (B, C, L) -> (B, C, L/2), and whether the larger of each pair is the first."""
     pairs = x.reshape(*x.shape[:2], -1, 2)
     first, second = pairs[..., 0], pairs[..., 1]
     return torch.maximum(first, second), first >= second
 
 
 def _unpool(x: Tensor, first: Tensor) -> Tensor:
-    """(B, C, L/2) -> (B, C, L): each value where `_pool` found the larger one, zero beside it."""
+    """(B, C, L/2) -> (B, C, L): each value at the place of the larger one in `_pool`, zero beside it."""
     here = first.to(x.dtype)
     return torch.stack([x * here, x * (1 - here)], dim=-1).flatten(2)
 
@@ -82,13 +81,12 @@ class Convolutional(nn.Module):
     """IQ mixer, three convolutions with max-pooling by 2, the same mirrored, IQ unmixer.
 
     The mixer is a 2 x 2 convolution over the rails and two samples, so 2 x N values become N; three poolings make that
-    N/8, which is 16:1. The mirrored half puts values back where the poolings took them from, so it also knows their
-    places. The text leaves open what is between the pooling stages:
+    N/8, which is 16:1. The mirrored half also gets the places of the pooled values. The text leaves open:
 
-    - one channel at the bottleneck: any more would not be 16:1;
-    - ReLU after the inner convolutions, none after the bottleneck, the last convolution and the mixers: their values
-      have both signs;
-    - `initial` weights as in He et al., deviation ``sqrt(2 / fan-in)``, biases of zero.
+    - channels at the bottleneck: one, since more would not be 16:1;
+    - activations: ReLU after the inner convolutions, none after the bottleneck, the last convolution and the mixers,
+      whose values have both signs;
+    - initial weights: as in He et al., deviation ``sqrt(2 / fan-in)``, biases of zero.
 
     Parameters
     ----------
@@ -96,7 +94,7 @@ class Convolutional(nn.Module):
     kernel, filters : int
         200 and 64 for long signals, kernel 300 for 1,000 samples.
     bottleneck : int
-        Channels there.
+        Channels at the bottleneck.
     normalised : bool
         Batch normalisation after the inner convolutions, which the authors' network does not have.
     """

@@ -1,19 +1,19 @@
 """`compact`: our temporal convolutional autoencoder, and the variants it was compared with.
 
-Three stages, all inside one feed-forward graph of an IQ frame:
+Three stages in one feed-forward graph of an IQ frame:
 
 1. *Modulus*. An interferer of constant envelope (rectangular QPSK, FMCW, a tone) moves only the phase of
-   what is received: ``x - A x/|x|`` with ``A`` the local mean of ``|x|`` takes it away and leaves half of the
-   return and its image, whatever the SIR (the locally optimum zero-memory nonlinearity). A small gated
+   the received signal: ``x - A x/|x|`` with ``A`` the local mean of ``|x|`` removes it and leaves half of the
+   return and its image, at any SIR (the locally optimum zero-memory nonlinearity). A small gated
    network decides where, from the spread of the envelope and from how much of the power lies on the sweep.
-   It also levels bursts in time, and how far samples off the mean modulus (symbol edges) count.
+   It also levels bursts in time, and weights samples off the mean modulus (symbol edges).
 2. *Spectrum*. A DFT of the frame, a learned soft limit on the smoothed power spectrum, the inverse DFT:
    stationary interference narrower than the sweep.
 3. *Beat-domain autoencoder*. Multiplication by the conjugate sweep, a strided filterbank over the beat band
    (encoder), gated dilated residual blocks on log powers and phases (bottleneck), a gain for each
    time-frequency cell, transposed convolution and the sweep again (decoder).
 
-Everything starts as the identity over the beat band and learns what to take away.
+At initialisation the network is the identity over the beat band.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ from .layers import (
 __all__ = ["Compact", "CompactSettings"]
 
 
-_WIDE_CELLS = 75  # of the DFT: the surroundings that a gain's power is compared with
+_WIDE_CELLS = 75  # DFT cells around a gain, with whose mean its power is compared
 
 
 @dataclass(frozen=True)
 class CompactSettings:
-    """Sizes and which stages exist.
+    """Sizes and stages.
 
     ``reach`` bins on each side of zero beat are kept. ``spectrum_step`` cells of the frame's DFT share a gain, whose
     input is the mean over ``spectrum_smooth`` such groups (odd).
@@ -68,7 +68,7 @@ class CompactSettings:
 
 
 def _spread(blocks: Tensor, weights: Tensor) -> Tensor:
-    """(B, C, L) values of blocks -> (B, hop, L) of samples, the outermost blocks going on outside."""
+    """(B, C, L) values of blocks -> (B, hop, L) of samples; the outermost blocks continue outside."""
     return nnf.conv1d(nnf.pad(blocks, (1, 1), mode="replicate"), weights)
 
 
@@ -90,8 +90,8 @@ class _Modulus(nn.Module):
         """(bins + 5, bins + 5) features from the rows of logarithms that `forward` returns, one below the other.
 
         Five of the envelope, then log powers of the beat band's cells over the frame's mean level, which is the last
-        row less the third. Whoever takes features has these sums in its weights: to cut rows, subtract them and put
-        them together takes as long as a convolution.
+        row less the third. These sums are part of the weights of the layer that takes the features: to slice, subtract
+        and concatenate rows takes as long as a convolution.
         """
         count = self.enter.in_channels
         of_rows = [[float(row == column) for column in range(count)] for row in range(count)]
@@ -128,7 +128,7 @@ class _Modulus(nn.Module):
         prefer = _spread(torch.exp(control[:, 2:].clamp(max=12.0)), tables.ramp)
         ratio = _spread(halves, tables.local) / modulus
         off = 1 - ratio
-        # a sample far off the mean modulus (a symbol's edge, another interferer) says little about the return
+        # a sample far off the mean modulus (a symbol edge, another interferer) has little of the return
         factor = keep * (1 + subtract) * (1 - subtract * ratio) / (1 + prefer * (off * off))
         return x * factor.transpose(1, 2).reshape(-1, 1, hop * columns), logs, level
 
@@ -172,9 +172,9 @@ class _Spectrum(nn.Module):
 
 
 class Compact(nn.Module):
-    """The whole: (B, 2, N) float32 of joint unit RMS in, the same out.
+    """The network: (B, 2, N) float32 of joint unit RMS in, (B, 2, N) out.
 
-    Its weights belong to no sweep; `forward` takes those of the waveform, or the tables of another sweep.
+    Its weights do not depend on the sweep; `forward` uses the tables of the waveform, or those of another sweep.
     """
 
     normalisation = "joint_rms"
@@ -191,7 +191,7 @@ class Compact(nn.Module):
         self.modulus = _Modulus(len(bins)) if settings.modulus else None
         self.spectrum = _Spectrum(settings) if settings.spectrum else None
         c, b = settings.channels, len(bins)
-        # weights of features that belong to cells, and of those that belong to whole columns
+        # weights of the features of cells, and of those of columns
         cells, columns = (4 * b, 6) if settings.modulus else (3 * b, 1)
         self.enter = RowConv(cells, c, 4, stride=2, padding=1)
         self.enter_columns = RowConv(columns, c, 4, bias=False, stride=2, padding=1)
@@ -204,7 +204,7 @@ class Compact(nn.Module):
             self.leave.bias.fill_(2.0)
 
     def forward(self, x: Tensor, tables: Tables | Given | None = None) -> Tensor:
-        """Clean frames of the own sweep, or of the one that ``tables`` are of."""
+        """Clean frames of its own sweep, or of that of ``tables``."""
         if tables is None:
             tables, position = self.tables, self.position
             analysis, synthesis = self.bank.analysis, self.bank.synthesis
@@ -225,7 +225,7 @@ class Compact(nn.Module):
     def _gain(
         self, cells: Tensor, logs: Tensor | None, level: Tensor | None, position: Tensor, columns: int
     ) -> Tensor:
-        """(B, 2 bins, L) gain of every cell, from its log power, its share and phase, and the modulus' logarithms."""
+        """(B, 2 bins, L) gains of cells from their log power, share and phase, and the modulus stage's logarithms."""
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
         log_total = log_power(total)
@@ -235,7 +235,7 @@ class Compact(nn.Module):
         if logs is not None:
             rows.append(logs)
             few.append(level)
-        # ONNX Runtime is fast with multiples of sixteen channels, 32 here, and with few
+        # separate convolutions: ONNX Runtime is fast with multiples of sixteen channels, 32 here, and with few
         mixing, split = self._mixing(), -len(few)
         weight = torch.cat([self.enter.weight, self.enter_columns.weight], 1)
         entered = self.enter.mixed(torch.cat(rows, 1), [row[:split] for row in mixing], weight)
@@ -246,9 +246,9 @@ class Compact(nn.Module):
         return torch.cat([gain, gain], 1)
 
     def _mixing(self) -> list[list[float]]:
-        """(features, rows) how `_gain` makes the features of cells, then of columns, from its rows, the few ones last.
+        """(features, rows) matrix of `_gain`: features of cells, then of columns, from its rows, those of columns last.
 
-        Features are scaled to some unity: half of log powers, shares as they are, a quarter of the modulus' logarithms.
+        Features are scaled to about one: log powers by a half, shares by one, the modulus' logarithms by a quarter.
         """
         bins = self.bank.bins
         scales = [0.5] * bins + [1.0] * 2 * bins

@@ -1,5 +1,4 @@
-"""Building blocks that export to plain ONNX operators: sweep tables, filterbanks, DFT by matrices, gated
-blocks."""
+"""Building blocks that export to plain ONNX operators: sweep tables, filterbanks, DFT by matrices, gated blocks."""
 
 from __future__ import annotations
 
@@ -44,9 +43,9 @@ def log_power(power: Tensor) -> Tensor:
 def to_blocks(x: Tensor, hop: int, columns: int) -> Tensor:
     """Frames (B, 2, N) -> (B, 2 hop, columns): sample ``hop t + m`` in column t at row m, its quadrature ``hop`` below.
 
-    Frames in any shape of as many samples, as what stands before leaves them: a reshape more is an operator more.
-    Sums over a block, steps from block to block and the filterbank are matrix products in this order, where
-    strided convolutions over 7500 samples spend their time gathering.
+    Frames may have any shape of as many samples, since each reshape is an operator. In this order sums over a block,
+    steps from block to block and the filterbank are matrix products, where strided convolutions over 7500 samples
+    spend their time gathering.
     """
     return x.reshape(-1, 2, columns, hop).transpose(2, 3).reshape(-1, 2 * hop, columns)
 
@@ -57,7 +56,7 @@ def from_blocks(z: Tensor, hop: int, columns: int) -> Tensor:
 
 
 def shifted(x: Tensor, columns: int) -> Tensor:
-    """Columns moved to the right (left if negative), zeros coming in."""
+    """Columns shifted to the right (left if negative), filled with zeros."""
     return nnf.pad(x, (columns, -columns)) if columns else x
 
 
@@ -70,25 +69,25 @@ class Tables(nn.Module):
             self.register_buffer(name, _constant(values), persistent=False)
 
     def state(self) -> dict[str, Tensor]:
-        """All by name."""
+        """All tables by name."""
         return dict(self.named_buffers())
 
 
 class Given:
-    """The same as inputs of a graph: attributes by name."""
+    """Tables as inputs of a graph: attributes by name."""
 
     def __init__(self, tables: Mapping[str, Tensor]) -> None:
         vars(self).update(tables)
 
 
 def sizes_of(tables: Tables | Given) -> tuple[int, int]:
-    """Samples per column, columns. From the tables, not from a frame: then they are constants of an exported graph."""
+    """Samples per column, columns. Taken from the tables they are constants of an exported graph, unlike a frame's."""
     hop = tables.halves.shape[1]
     return hop, tables.cosine.shape[1] // hop
 
 
 class _Rotation(torch.autograd.Function):
-    """`rotated` as one operator of ONNX Runtime, 1.17 and later: made for the position embedding of language models."""
+    """`rotated` as one operator of ONNX Runtime (1.17 and later), the rotary embedding of language models."""
 
     @staticmethod
     def forward(ctx: object, rows: Tensor, first: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
@@ -105,8 +104,8 @@ class _Rotation(torch.autograd.Function):
 def rotated(rows: Tensor, cosine: Tensor, sine: Tensor, tables: Tables | Given) -> Tensor:
     """(B, L, 2 h) rows of real, then imaginary parts times ``cosine + j sine``, each (L, h).
 
-    A network of its own sweep is exported with one operator for it, which takes a quarter of the time of plain ones.
-    CUDA has it for short rows only, so `any_sweep.onnx`, which runs there, keeps to the plain ones.
+    A network for one sweep is exported with a single operator for it, which takes a quarter of the time of plain ones.
+    CUDA has that operator for short rows only, so `any_sweep.onnx`, which runs there, has the plain ones.
     """
     if torch.onnx.is_in_onnx_export() and isinstance(tables, Tables):
         return _Rotation.apply(rows, torch.zeros(1, dtype=torch.int64), cosine, sine)
@@ -135,15 +134,16 @@ def rechirped(x: Tensor, tables: Tables | Given) -> Tensor:
 
 
 class FourierBank(nn.Module):
-    """Strided filterbank of a two-channel (I, Q) signal, started as a Hann-windowed DFT and learned from
-    there; a matrix product a block and a sum over neighbouring blocks.
+    """Strided filterbank of a two-channel (I, Q) signal, initialised as a Hann-windowed DFT.
+
+    It is a matrix product per block and a sum over neighbouring blocks.
 
     Parameters
     ----------
     kernel, hop : int
         Samples of a filter, and of a block: ``kernel`` is an odd multiple of ``hop``.
     bins : sequence of int
-        Which DFT bins of ``kernel`` points are kept.
+        DFT bins of ``kernel`` points that are kept.
 
     Notes
     -----
@@ -185,10 +185,10 @@ class FourierBank(nn.Module):
 
     def back(self, cells: Tensor, synthesis: Tensor) -> Tensor:
         """(B, 2 bins, L) -> (B, 2 h, L), times ``norm`` the inverse over the band of the kept bins."""
-        if synthesis is not self.synthesis:  # an exported convolution has to know the sizes of its weights
+        if synthesis is not self.synthesis:  # an exported convolution needs fixed sizes of its weights
             around = torch.cat([shifted(cells, k - self.spans // 2) for k in range(self.spans)], 1)
             return torch.matmul(synthesis, around)
-        # no columns moved and put together: 0.99 of the whole graph's time
+        # without shifting and concatenating columns: 0.99 of the graph's time
         weight = synthesis.reshape(-1, self.spans, 2 * self.bins).flip(1).transpose(1, 2)
         return nnf.conv1d(cells, weight, padding=self.spans // 2)
 
@@ -201,10 +201,10 @@ class FourierBank(nn.Module):
 class BandGain:
     """Gain over frequency: DFT of ``a b c`` points, power of ``group`` cells at a time, a gain for each, inverse DFT.
 
-    ONNX Runtime's own DFT takes 2.2 ms for 7500 points. What is exported is three matrix products and one twiddle
-    each way (`radalt.core.mitigation.any_sweep.dft_tables`). Cells stay in the order (k1, k2, k3) that the products
-    leave them in; powers and gains, fewer by ``group``, are brought into the order of frequency and back instead.
-    Training uses `torch.fft`, which the check of the exported model against PyTorch holds to the same result.
+    ONNX Runtime's own DFT takes 2.2 ms for 7500 points. The exported one is three matrix products and one twiddle each
+    way (`radalt.core.mitigation.any_sweep.dft_tables`). Cells stay in the order (k1, k2, k3) of the products; only
+    powers and gains, fewer by ``group``, are brought into the order of frequency and back. Training uses `torch.fft`;
+    `export.py` checks that both give the same.
     """
 
     def __init__(self, tables: Tables) -> None:
@@ -213,7 +213,7 @@ class BandGain:
         self.factors = tuple(tables.turn_re.shape)
 
     def analyse(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, 2, N) -> spectrum, to be handed to `synthesise`, and mean powers (B, 1, N / group) by frequency."""
+        """(B, 2, N) -> spectrum, for `synthesise`, and mean powers (B, 1, N / group) by frequency."""
         if torch.onnx.is_in_onnx_export():
             return self.analyse_matrices(x)
         spectrum = torch.fft.fft(torch.complex(x[:, 0], x[:, 1]))
@@ -222,7 +222,7 @@ class BandGain:
         return spectrum, power.reshape(x.shape[0], 1, -1, self.group).mean(3)
 
     def synthesise(self, spectrum: Tensor, gain: Tensor) -> Tensor:
-        """Spectrum of `analyse` times gains (B, 1, N / group) -> (B, 2, N), where it is exported in another shape."""
+        """Spectrum of `analyse` times gains (B, 1, N / group) -> (B, 2, N), in another shape when exported."""
         if torch.onnx.is_in_onnx_export():
             return self.synthesise_matrices(spectrum, gain)
         wide = gain[:, 0].repeat_interleave(self.group, 1)
@@ -247,9 +247,8 @@ class BandGain:
     def synthesise_matrices(self, spectrum: Tensor, gain: Tensor) -> Tensor:
         """`synthesise` as exported, (B, 2 a, b c)."""
         t, (a, b, c), groups = self.tables, self.factors, self.factors[0] // self.group
-        gain = torch.matmul(
-            gain.reshape(-1, c, b * groups).transpose(1, 2), t.both
-        )  # (B, (k2, k1 // group), 2 c)
+        # (B, (k2, k1 // group), 2 c)
+        gain = torch.matmul(gain.reshape(-1, c, b * groups).transpose(1, 2), t.both)
         gain = gain.reshape(-1, b, groups, 2 * c).transpose(1, 2)
         gain = gain.reshape(-1, groups, 1, 2 * b * c)  # long runs: short broadcasts are slow
         y = (spectrum.reshape(-1, groups, self.group, 2 * b * c) * gain).reshape(-1, a * b, 2 * c)
@@ -262,8 +261,8 @@ class BandGain:
 class GatedBlock(nn.Module):
     """Gated dilated residual block: ``h + W (tanh(F h) sigmoid(G h))``, kernel 3 (WaveNet's unit, not causal).
 
-    Convolutions of two dimensions, one of them of a single row: ONNX Runtime computes those in its blocked layout, with
-    the nonlinearities inside, in 0.78 of the time of one-dimensional ones.
+    Its convolutions have two dimensions, one with a single row: ONNX Runtime computes those in its blocked layout,
+    nonlinearities included, in 0.78 of the time of one-dimensional ones.
     """
 
     def __init__(self, channels: int, dilation: int) -> None:
@@ -318,7 +317,7 @@ class Doubling(nn.ConvTranspose1d):
     def forward(
         self, h: Tensor, columns: int, activation: Callable[[Tensor], Tensor] | None = None
     ) -> Tensor:
-        """See the class; ``columns`` is ``2 L``. An activation is made inside the convolution where it is exported."""
+        """See the class; ``columns`` is ``2 L``. When exported, an activation is computed inside the convolution."""
         taps = self.weight.transpose(0, 1).unbind(2)
         none = torch.zeros_like(taps[0])
         even, odd = torch.stack([taps[3], taps[1], none], 2), torch.stack([none, taps[2], taps[0]], 2)
@@ -330,9 +329,9 @@ class Doubling(nn.ConvTranspose1d):
 
 
 class Same(nn.Module):
-    """What comes in; where it is exported, through a convolution, whose output lies in ONNX Runtime's blocked layout.
+    """Identity; exported as a convolution, so that its output is in ONNX Runtime's blocked layout.
 
-    Only there are the residual sums of the blocks that follow made inside their convolutions, without two reorderings
+    Only then are the residual sums of the following blocks computed inside their convolutions, without two reorderings
     each.
     """
 

@@ -14,11 +14,11 @@ from radalt.core.waveform import Waveform
 
 __all__ = ["FullyConnected", "Paper"]
 
-_CACHED = 8  # frames
+_CACHED = 8  # frames per pass through the convolutions in training, whose activations then stay in the cache
 
 
 class _Dropout(nn.Module):
-    """Dropout that draws the places to drop, not a number for every element: a quarter of a training step less.
+    """Dropout that draws places instead of a number per element, which saves a quarter of a training step.
 
     Places are drawn with replacement: at a probability of 0.02, 0.0198 of the elements become zero.
     """
@@ -48,7 +48,7 @@ class _Gated(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, entering, L) -> (B, leaving, L + 4 - 2 dilation)."""
-        if self.training:  # one convolution in the place of two: a fifth of a step less
+        if self.training:  # one convolution instead of two saves a fifth of a step
             weight = torch.cat([self.feature.weight, self.gate.weight])
             bias = torch.cat([self.feature.bias, self.gate.bias])
             both = functional.conv1d(x, weight, bias, padding=2, dilation=self.feature.dilation)
@@ -91,7 +91,7 @@ class Paper(nn.Module):
         if not (self.training and x.device.type == "cpu"):
             code = self.compress(self.encoder(x).flatten(1))
             return self.decoder(self.expand(code).reshape(-1, 8, 937))
-        # a few frames at a time, whose activations stay in the processor's cache: a fifth faster
+        # a few frames at a time: a fifth faster
         features = torch.cat([self.encoder(part).flatten(1) for part in x.split(_CACHED)])
         code = self.expand(self.compress(features)).reshape(-1, 8, 937)
         return torch.cat([self.decoder(part) for part in code.split(_CACHED)])

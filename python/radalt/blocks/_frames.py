@@ -42,8 +42,8 @@ def sent_tag(first_index: int, altitude_m: float | None):  # noqa: ANN201 - a pm
 def read_sent_tag(value, sent: SentAltitudes) -> None:  # noqa: ANN001 - a pmt
     """Store an altitude set by hand; raises `TagError`."""
     index, altitude_m = _numbers(SENT_KEY, value, 2)
-    if not 0 <= index < 2**62:
-        raise TagError(f"tag radalt_altitude names the sweep {index:g}; it is ignored")
+    if not 0 <= index < 2**62 or altitude_m < 0 or np.isinf(altitude_m):
+        raise TagError(f"tag radalt_altitude says {altitude_m:g} m from sweep {index:g} on; it is ignored")
     sent.set(int(index), None if np.isnan(altitude_m) else altitude_m)
 
 

@@ -277,12 +277,9 @@ class SimulatedChannel:
             if start > at:
                 pieces.append((at, out[at - first : start - first]))
             at = max(at, start + length)
-            if at > end or start + length > end:
-                at = end
+            if at > end:
                 break
             self._gaps.pop(0)
         if at < end:
             pieces.append((at, out[at - first :]))
-        elif self._gaps and self._gaps[0][0] + self._gaps[0][1] <= end:
-            self._gaps.pop(0)
         return pieces

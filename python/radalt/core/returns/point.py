@@ -39,16 +39,17 @@ def point_return(
     (n, N) complex array, or (N,) if every argument is scalar.
     """
     parts = np.broadcast_arrays(altitude_m, vertical_speed_m_per_s, phase_cycles, frame_index)
-    altitude, speed, phase, index = (np.atleast_1d(p).astype(float)[:, None] for p in parts)
-    t = waveform.sample_times_s[None, :]
-    if np.any(speed):
-        delay_s = altitude_to_delay_s(altitude + speed * (t - waveform.half_sweep_s))
-    else:
-        delay_s = altitude_to_delay_s(altitude)
-    total = waveform.phase_cycles(t - delay_s, index) - np.mod(waveform.carrier_hz * delay_s, 1.0) + phase
-    if waveform.deramped:
-        total = total - waveform.phase_cycles(t)
-    out = exp_cycles(total, dtype)
-    if waveform.deramped:  # the return of the ramp before passes the IF filter for an instant only: left out
-        out[np.mod(t, waveform.half_sweep_s) < delay_s + 2.0 / waveform.rate_hz] = 0
+    columns = [np.atleast_1d(part).astype(float) for part in parts]
+    out = np.empty((columns[0].size, waveform.samples_per_frame), dtype)
+    t = waveform.sample_times_s
+    # one by one: temporary arrays of hundreds of frames leave the cache, which takes half as long again
+    for frame, altitude, speed, phase, index in zip(out, *columns, strict=True):
+        delay_s = altitude_to_delay_s(altitude + speed * (t - waveform.half_sweep_s) if speed else altitude)
+        total = waveform.phase_cycles(t - delay_s, index) - np.mod(waveform.carrier_hz * delay_s, 1.0) + phase
+        if waveform.deramped:
+            total -= waveform.phase_cycles(t)
+        frame[:] = exp_cycles(total, dtype)
+        if waveform.deramped:
+            # what is still on the ramp before passes the IF filter for an instant only: left out
+            frame[np.mod(t, waveform.half_sweep_s) < delay_s + 2.0 / waveform.rate_hz] = 0
     return out[0] if np.ndim(parts[0]) == 0 else out

@@ -14,12 +14,15 @@ Options change the scene; lists are numbers with commas (0,0.3,1) or start:stop:
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import importlib.util
+import io
 import re
 import sys
 import time
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -94,14 +97,16 @@ def _check_python() -> str | None:
         ]
         if missing:
             return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
-        with ctrl_c_waits():
-            from gnuradio import gr  # noqa: F401 - fails if built for another NumPy
+        # NumPy prints 50 lines of its own before the error where GNU Radio was built for another one
+        with ctrl_c_waits(), contextlib.redirect_stderr(io.StringIO()):
+            from gnuradio import gr  # noqa: F401
 
             from ...core import scene  # noqa: F401
     except (ImportError, SystemError) as error:
         if (getattr(error, "name", "") or "").split(".")[0] in ("gnuradio", "pmt"):
             return no_gnu_radio()
-        return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {remedy('numpy')}"
+        found = f"{str(error).splitlines()[0]}; was GNU Radio built for NumPy {metadata.version('numpy')}?"
+        return f"{sys.executable} cannot run gr-radalt ({found}); {remedy('numpy')}"
     return None
 
 

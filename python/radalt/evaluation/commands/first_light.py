@@ -16,6 +16,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...core.interrupts import ctrl_c_waits
 from ..engine.options import Parser, command, names_of, number, path
 
 PROGRAM, COMMAND = "first_light", "first-light"
@@ -97,7 +98,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             input("Connect every cable of the drawing, then press Enter (Ctrl-C ends): ")
         except EOFError:
             parser.error("the terminal was closed before Enter; nothing was opened")
-    folder = open_folder(bench)
+    with ctrl_c_waits():  # GNU Radio's import takes one for a missing package, and goes on
+        folder = open_folder(bench)
     checks: list[Check] = []
     try:
         for check in perform(bench, steps):
@@ -106,16 +108,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             checks.append(check)
             why = "" if check.verdict == "pass" else f": {check.cause}"
             print(f"  {check.verdict:8}{check.what}: {check.shown} ({check.limit}){why}", flush=True)
-    finally:  # an hour that is broken off leaves its bundle
-        reached = {check.step for check in checks}
-        checks += [
-            Check(name, STEPS[name]["title"], None, cause="not reached: the hour was broken off")
-            for name in steps
-            if name not in reached
-        ]
-        serials = {radio.radar_serial, radio.jammer_serial, *bench.serials} if args.no_serials else ()
-        source = "simulated channel" if args.sim else radio.limits.title
-        bundle = write_bundle(folder, checks, f"{time.strftime('%Y-%m-%d')}, {source}", serials)
-        folder.close()
-        print(f"\n{verdict_of(checks)}\n{bundle}")
+    finally:  # an hour that is broken off leaves its bundle, whole
+        with ctrl_c_waits():
+            reached = {check.step for check in checks}
+            checks += [
+                Check(name, STEPS[name]["title"], None, cause="not reached: the hour was broken off")
+                for name in steps
+                if name not in reached
+            ]
+            serials = {radio.radar_serial, radio.jammer_serial, *bench.serials} if args.no_serials else ()
+            source = "simulated channel" if args.sim else radio.limits.title
+            bundle = write_bundle(folder, checks, f"{time.strftime('%Y-%m-%d')}, {source}", serials)
+            folder.close()
+            print(f"\n{verdict_of(checks)}\n{bundle}")
     return int(any(check.verdict == "fail" for check in checks))

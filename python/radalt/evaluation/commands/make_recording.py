@@ -22,11 +22,12 @@ import numpy as np
 from ...core.interference.emitters.nr import frame_samples
 from ...core.interference.multipath import FadingChannel
 from ...core.interference.nr_config import NrConfig
-from ..engine.options import MAX_SEED, Parser, command, number, path
+from ..engine.options import MAX_SEED, Parser, check_ours, command, number, path
 from ..transmitters import TRANSMITTERS, transmit
 
 PROGRAM, COMMAND = "make_recording", "make-recording"
 
+AUTHOR = "gr-radalt, make_recording.py"
 FRAMES = 5  # length of the downlink, radio frames of 10 ms
 BANDWIDTH_HZ = 10e6  # channel bandwidth: wider than the default sweep's 7.5 MHz
 RATE_HZ = NrConfig(channel_bandwidth_hz=BANDWIDTH_HZ).sample_rate_hz
@@ -72,7 +73,7 @@ def write(meta: Path, samples: np.ndarray, rate_hz: float, description: str) -> 
         "core:datatype": "ci16_le",
         "core:sample_rate": rate_hz,
         "core:version": "1.0.0",
-        "core:author": "gr-radalt, make_recording.py",
+        "core:author": AUTHOR,
         "core:description": description,
         "core:license": "https://creativecommons.org/publicdomain/zero/1.0/",
     }
@@ -125,6 +126,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = args.out or Path("results") / f"{'recorded' if args.source == DOWNLINK else args.source}.sigmf-meta"
     if out.suffix != ".sigmf-meta":
         parser.error(f"--out is {out.name[:60]!r}; it has to end in .sigmf-meta")
+    check_ours(out, AUTHOR)
+    if not out.exists():
+        check_ours(out.with_suffix(".sigmf-data"), AUTHOR)
     snr_db = args.snr_db
     if args.source == DOWNLINK:
         snr_db = DOWNLINK_SNR_DB if snr_db is None else snr_db

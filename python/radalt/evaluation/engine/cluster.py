@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.mitigation.tcae import default_model_path
+from ...core.parsing import read_text
 from ...core.plugins import VARIABLE as PLUGINS
 from ..results.folder import versions
 from .pool import WorkerError, answered, outcome_of, processes
@@ -40,6 +41,7 @@ __all__ = ["Cluster", "Measurer", "installed"]
 
 CONNECT_S = 10.0  # longest wait for the scheduler, s
 WORKERS_S = 60.0  # longest time without any worker, s
+_FILE_BYTES = 1 << 20  # largest scheduler file, bytes: Dask's have about 1,000
 _START_S = 120.0  # longest start of a process, s: imports from a cold file system
 _POLL_S = 2.0  # time between checks of the cluster, s
 _GO_ON = "go on with --resume, there or without --scheduler"
@@ -63,11 +65,13 @@ class Cluster:
         self.address = _address(scheduler)
         self._name = f"radalt-{uuid.uuid4().hex}"
         try:
+            asyncio.run(asyncio.wait_for(_greet(self.address), CONNECT_S))
             self._client = distributed.Client(self.address, timeout=CONNECT_S, set_as_default=False)
-        except (OSError, ValueError, ImportError) as error:
-            reason = "" if isinstance(error, OSError) else f" ({str(error).splitlines()[0]})"
+        except Exception as error:  # no certificate, no Dask at the other end: each has errors of its own
+            late = isinstance(error, (OSError, asyncio.TimeoutError))
+            reason = f"within {CONNECT_S:g} s" if late else f"({_first_line(error)})"
             raise WorkerError(
-                f"--scheduler {scheduler}: no Dask scheduler answers at {self.address} within {CONNECT_S:g} s{reason}"
+                f"--scheduler {scheduler}: no Dask scheduler answers at {self.address} {reason}"
             ) from None
         try:
             self._client.wait_for_workers(1, timeout=WORKERS_S)
@@ -270,17 +274,22 @@ def _measured(study: bytes, files: tuple[tuple[str, Path], ...], point: Point) -
     return measure_point(_loaded(study, files), point)
 
 
+async def _greet(address: str) -> None:
+    """Exchange Dask's greetings, and hang up: its client waits for ever where nothing comes back."""
+    greetings = distributed.Security().get_connection_args("client")
+    (await distributed.core.connect(address, timeout=CONNECT_S, **greetings)).abort()
+
+
 def _address(scheduler: str) -> str:
     """Scheduler address, or that of a scheduler file."""
     if "://" in scheduler:
         return scheduler
+    remedy = "give an address such as tcp://host:8786, or a scheduler file"
+    text = read_text(scheduler, most_bytes=_FILE_BYTES, what="--scheduler", remedy=remedy)
     try:
-        return str(json.loads(Path(scheduler).read_text(encoding="utf-8"))["address"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        reason = getattr(error, "strerror", None) or "no scheduler file of Dask's"
-        raise WorkerError(
-            f"--scheduler {scheduler}: {reason}; give an address such as tcp://host:8786, or a scheduler file"
-        ) from None
+        return str(json.loads(text)["address"])
+    except (ValueError, KeyError, TypeError):
+        raise WorkerError(f"--scheduler {scheduler}: no scheduler file of Dask's; {remedy}") from None
 
 
 def _first_line(error: BaseException) -> str:

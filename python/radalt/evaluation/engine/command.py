@@ -19,7 +19,7 @@ from .study import Study
 
 __all__ = ["Bar", "main"]
 
-_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
 class Bar:
@@ -107,7 +107,7 @@ def _said(error: Exception, options: Options) -> Exception | str:
     if not isinstance(error, OSError) or error.errno not in _DISK:
         return error
     kept = "the points so far are kept: mend that and go on with --resume"
-    return f"{options.out} cannot be written ({error.strerror}); {kept}"
+    return f"{error.filename or options.out} cannot be written ({error.strerror}); {kept}"
 
 
 def _cost(study: Study, options: Options) -> str:

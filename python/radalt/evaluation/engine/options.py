@@ -30,6 +30,7 @@ __all__ = [
     "Parser",
     "Terminated",
     "add_options",
+    "check_ours",
     "command",
     "command_of",
     "complain",
@@ -43,6 +44,7 @@ __all__ = [
 
 MAX_JOBS = 256  # most local workers: more than any machine's cores
 MAX_SEED = 2**63 - 1  # largest seed: int64
+_HEAD_BYTES = 1 << 16  # part of a file that may be overwritten in which its mark is, bytes
 # errors that users can correct, the bases of all of this package: wrong input, failing machines, missing packages
 EXPECTED = (ValueError, RuntimeError, OSError, ImportError, MemoryError)
 _TRACEBACK = "RADALT_TRACEBACK"  # environment variable that keeps tracebacks
@@ -83,6 +85,22 @@ def path(text: str) -> Path:
     if not text.strip() or "\0" in text or len(os.fsencode(text)) > 4000:
         raise argparse.ArgumentTypeError("it is empty, too long or holds a NUL; name a file or folder")
     return Path(text)
+
+
+def check_ours(file: Path, mark: str) -> None:
+    """Refuse to overwrite what this program has not written: a link, a folder, a file without ``mark`` in its head.
+
+    Raises FileExistsError, one line: file and remedy.
+    """
+    if not os.path.lexists(file):
+        return
+    if not file.is_symlink() and file.is_file():
+        with file.open("rb") as held:
+            if mark.encode() in held.read(_HEAD_BYTES):
+                return
+    raise FileExistsError(
+        f"{file} exists, and this program has not written it; move it away, or name another --out"
+    )
 
 
 class Terminated(KeyboardInterrupt):

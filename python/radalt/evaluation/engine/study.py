@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +51,8 @@ class Study:
     published: ClassVar[Mapping[str, str]] = {}
 
     def check(self) -> None:
-        """Check all settings before the run; raises an expected error, one line."""
+        """Check all settings before the run; raises an expected error, one line. By default `head` finds it."""
+        self.head()
 
     def head(self) -> dict[str, Any]:
         """Everything on which a row depends, versions and hashes included, as JSON."""
@@ -73,8 +75,13 @@ class Study:
         return point.table
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """Write the report of all rows by table; returns the path of its page."""
-        raise NotImplementedError
+        """Write the report of all rows by table; returns the path of its page.
+
+        By default ``write_report(folder, study, rows, run)`` of the module ``report`` beside the study's.
+        """
+        room = type(self).__module__.rpartition(".")[0]
+        page: Path = importlib.import_module(".report", room).write_report(folder, self, rows, run)
+        return page
 
     def seconds(self, point: Point) -> float:
         """Approximate CPU seconds of a point, for the estimate before the run."""

@@ -14,7 +14,7 @@ from ...core.receiver.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
 from ..engine.study import Run
 from ..flowgraph import FlowgraphError
-from ..results.break_point import break_point, protection_gain
+from ..results.break_point import break_point_of, protection_gain
 from ..results.folder import RunFolder
 from ..results.page import write_page
 from .altitudes import with_intervals
@@ -159,10 +159,7 @@ def break_points(rows: Sequence[Row]) -> list[dict[str, Any]]:
         if row["overlap"] > 0:
             key = (row["interference"], row["overlap"], row["snr_db"], row["method"])
             groups.setdefault(key, []).append(row)
-    found = {
-        key: break_point(*([float("nan") if r[c] is None else r[c] for r in mine] for c in _CURVE))
-        for key, mine in groups.items()
-    }
+    found = {key: break_point_of(mine) for key, mine in groups.items()}
     out = []
     for key, broken in found.items():
         none = found.get((*key[:3], "none"))
@@ -177,9 +174,6 @@ def break_points(rows: Sequence[Row]) -> list[dict[str, Any]]:
             }
         )
     return out
-
-
-_CURVE = ("sir_db", "pd", "pd_low", "pd_high")
 
 
 def _interference_title(scene: Scene) -> str:

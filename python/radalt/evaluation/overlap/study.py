@@ -30,6 +30,7 @@ __all__ = [
     "check_methods",
     "check_scene",
     "describe_rows",
+    "method_files",
     "rows_of",
 ]
 
@@ -79,6 +80,17 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
     for name in scene.methods:
         status = create(name, scene.waveform, **(scene.method_options.get(name) or {})).status()
         out[name] = {key: status[key] for key in _KEPT if key in status}
+    return out
+
+
+def method_files(scene: Scene) -> dict[str, Path]:
+    """Models and method files of a scene's methods, by method and option."""
+    out = {}
+    for method in scene.methods:
+        options = scene.method_options.get(method) or {}
+        out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
+        if method == "tcae" and not options.get("model"):
+            out["tcae model"] = default_model_path(scene.waveform)
     return out
 
 
@@ -285,12 +297,7 @@ class OverlapStudy(Study):
     def files(self) -> dict[str, Path]:
         """Flowgraphs, models and method files."""
         out = {f"flowgraph {name}": prepared.module for name, prepared in self.prepared}
-        for method in self.scene.methods:
-            options = self.scene.method_options.get(method) or {}
-            out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
-            if method == "tcae" and not options.get("model"):
-                out["tcae model"] = default_model_path(self.scene.waveform)
-        return out
+        return out | method_files(self.scene)
 
     def with_files(self, files: Mapping[str, Path]) -> OverlapStudy:
         """See `Study`."""

@@ -22,8 +22,10 @@ from ...core.radio.interlock import require_enclosure
 from ...core.radio.levels import drive
 from ...core.radio.recording import Stretch, open_capture, write_metadata
 from ...core.scene import Scene
+from ...core.text import said
 from ..engine.options import EXPECTED
 from ..flowgraph.rewrite import RADAR_GATE
+from ..results.folder import writing
 from ..simulation import TAIL_FRAMES, PointResult, found_latency, received, run_chain
 
 __all__ = ["CABLING", "STEPS", "Bench", "Check", "Flight", "Measured", "perform", "simulated_samples"]
@@ -197,7 +199,8 @@ class Bench:
         edges = np.flatnonzero(np.diff(np.r_[False, there, False])).reshape(-1, 2)
         starts = np.cumsum([0, *np.diff(edges, axis=1)[:, 0]])
         data = self._file(f"{name}.sigmf-data")
-        samples[there].tofile(data)
+        with writing(data):
+            data.write_bytes(samples[there].tobytes())
         stretches = [Stretch(int(s), int(a), int(b - a)) for s, (a, b) in zip(starts, edges, strict=False)]
         own = {"latency_samples": np.nan_to_num(latency), "radio": {"full_scale": self._full_scale}}
         write_metadata(data, scene, stretches, recorder="radalt first-light", **own)
@@ -239,4 +242,4 @@ def perform(bench: Bench, steps: Mapping[str, Measure]) -> Iterator[Check]:
                 given |= {"what": given["what"].format(detail=detail)} | ({"cause": cause} if cause else {})
                 yield Check(name, value=value, **given)
         except EXPECTED as error:
-            yield Check(name, "run", math.nan, cause=" ".join(str(error).split())[:300])
+            yield Check(name, "run", math.nan, cause=" ".join(said(error).split())[:300])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import lzma
 import re
 import zipfile
 import zlib
@@ -149,7 +150,15 @@ def _files_of(path: Path) -> dict[str, bytes]:
                     )
                 with archive.open(entry) as stream:
                     files[entry.filename] = stream.read(entry.file_size)
-    except (zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+        OSError,
+        NotImplementedError,
+        EOFError,
+        RuntimeError,
+    ) as error:
         raise BundleError(
             f"{path}: not a readable zip ({one_line(str(error))}); have it sent again"
         ) from None

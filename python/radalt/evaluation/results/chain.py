@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +15,7 @@ from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
 from ...core.waveform import Waveform
 
-__all__ = ["Chain", "chains_with", "model_files", "seconds_per_frame"]
+__all__ = ["Chain", "method_of", "seconds_per_frame"]
 
 _CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the second-level cache
 
@@ -60,6 +59,11 @@ class Chain:
         model = dict(self.options).get("model")
         return Path(model) if model else None
 
+    def with_model(self, model: Path) -> Chain:
+        """The chain with its network at another path."""
+        options = tuple((k, str(model) if k == "model" else v) for k, v in self.options)
+        return dataclasses.replace(self, options=options)
+
     def head(self, waveform: Waveform) -> dict[str, Any]:
         """Everything on which its rows depend, a network by its hash, not its path; raises `MitigationError`."""
         options = dict(self.options) | ({"model": self.model.name} if self.model else {})
@@ -81,7 +85,7 @@ class Chain:
         self, frames: np.ndarray, waveform: Waveform
     ) -> tuple[np.ndarray, Mitigation, np.ndarray]:
         """`results`, and (n,) bool: frames that the method has changed."""
-        method = _method_of(self, waveform)
+        method = method_of(self, waveform)
         method.reset()
         altimeter = shared_altimeter(waveform, self.settings)
         step = self.looks * max(1, _CHUNK // self.looks)
@@ -105,24 +109,6 @@ def _reset(method: Mitigation) -> Mitigation:
     return method
 
 
-def model_files(chains: Sequence[Chain]) -> dict[str, Path]:
-    """Networks of chains, by their names in `chains_with`."""
-    return {f"model of {chain.label}": chain.model for chain in chains if chain.model}
-
-
-def chains_with(chains: Sequence[Chain], files: Mapping[str, Path]) -> tuple[Chain, ...]:
-    """The chains with their networks at other paths."""
-
-    def moved(chain: Chain) -> Chain:
-        path = files.get(f"model of {chain.label}")
-        if path is None:
-            return chain
-        options = tuple((k, str(path) if k == "model" else v) for k, v in chain.options)
-        return dataclasses.replace(chain, options=options)
-
-    return tuple(moved(chain) for chain in chains)
-
-
 def _averaged(spectra: Spectra, looks: int) -> Spectra:
     """Mean power spectra of groups of looks; the CFAR keeps its threshold for one look, which is conservative."""
     # spectra are scaled to unit peak: restore the scale, so that looks are weighted by their power
@@ -135,7 +121,8 @@ def _averaged(spectra: Spectra, looks: int) -> Spectra:
 
 
 @lru_cache(maxsize=64)
-def _method_of(chain: Chain, waveform: Waveform) -> Mitigation:
+def method_of(chain: Chain, waveform: Waveform) -> Mitigation:
+    """The chain's method, built once per process; its state is that of its last use."""
     return chain.build(waveform)
 
 

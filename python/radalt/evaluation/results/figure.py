@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from .folder import writing
+
 __all__ = ["new_figure", "save_figure", "say"]
 
 
@@ -51,7 +53,7 @@ def save_figure(figure: Any, path: Path) -> None:
     for text in figure.findobj(Text):
         text.set_parse_math(False)  # names of files and methods may contain a dollar sign
     # TrueType fonts (42): publishers refuse Type 3
-    with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6, "pdf.fonttype": 42}):
+    with writing(path), matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6, "pdf.fonttype": 42}):
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
         for axes in figure.axes:
@@ -68,8 +70,8 @@ def save_figure(figure: Any, path: Path) -> None:
         FigureCanvasSVG(figure).print_svg(svg, metadata={"Creator": "gr-radalt", "Date": None})
         said = _said(figure)
     head, end, tail = svg.getvalue().rpartition("</svg>")
-    drawn = head + said + end + tail
-    path.with_suffix(".svg").write_text(drawn, encoding="utf-8")
+    with writing(path.with_suffix(".svg")):
+        path.with_suffix(".svg").write_text(head + said + end + tail, encoding="utf-8")
 
 
 def _said(figure: Any) -> str:

@@ -7,13 +7,14 @@ others) are written from it, so that a resumed run has the measured rows of this
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
 import os
 import platform
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ __all__ = [
     "read_report",
     "versions",
     "write_json",
+    "writing",
 ]
 
 SCHEMA = 2  # of report.json
@@ -90,11 +92,21 @@ def write_json(path: Path, content: Any) -> None:
     _replace(path, json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n")
 
 
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Name the file in an error of a write, which names none itself."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = str(path)
+        raise
+
+
 def _replace(path: Path, text: str) -> None:
     # created exclusively under a random name, so that no link is followed; with the permissions of any new file
     descriptor, fresh = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY)
     try:
-        with open(descriptor, "w", encoding="utf-8", newline="") as file:
+        with writing(path), open(descriptor, "w", encoding="utf-8", newline="") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
@@ -273,7 +285,8 @@ class RunFolder:
         """Append the rows of a point to the journal; they are on disk when it returns."""
         content = {"point": point, "rows": list(rows)}
         line = json.dumps(content | {"digest": self._digest(content)}, allow_nan=False) + "\n"
-        with (self.path / _JOURNAL).open("a", encoding="utf-8") as file:
+        journal = self.path / _JOURNAL
+        with writing(journal), journal.open("a", encoding="utf-8") as file:
             file.write(line)
             file.flush()
             os.fsync(file.fileno())

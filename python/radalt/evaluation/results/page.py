@@ -12,7 +12,7 @@ from . import table as tables
 from .folder import RunFolder
 from .markdown import to_html
 
-__all__ = ["render", "write_page", "write_pages"]
+__all__ = ["render", "write_page", "write_pages", "write_result"]
 
 _FRAME = Path(__file__).parent  # folder of page.html.j2, the frame of every HTML page
 
@@ -39,6 +39,29 @@ def render(template: Path, **values: Any) -> str:
 def write_pages(folder: RunFolder, template: Path, values: Mapping[str, Any]) -> Path:
     """`write_page` of a ``.md.j2`` template; its value ``run`` is a `Run` as a dict."""
     return write_page(folder, render(template, **values), values["run"])
+
+
+def write_result(
+    folder: RunFolder, template: Path, run: Mapping[str, Any], report: Mapping[str, Any], values: Mapping[str, Any]
+) -> Path:
+    """Write ``report.md``, ``report.html`` and ``report.json``; returns the path of ``report.md``.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    template : Path
+        ``.md.j2``.
+    run : mapping
+        A `Run` as a dict.
+    report : mapping
+        Content of ``report.json`` besides the folder's head and the run.
+    values : mapping
+        Further values of the template, such as tables.
+    """
+    report = folder.head | {"run": run} | report
+    page = write_pages(folder, template, report | values)
+    folder.write_report(report)
+    return page
 
 
 def write_page(folder: RunFolder, text: str, run: Mapping[str, Any], *, more: str = "") -> Path:

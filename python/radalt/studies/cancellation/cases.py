@@ -1,4 +1,4 @@
-"""What a base station or a QPSK transmitter sends, and what happens to it on the way."""
+"""Cases of the cancellation study: signals of base stations and QPSK transmitters, their channels and radios."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from ...core.waveform import Waveform
 __all__ = ["CASES", "NR10", "SNR_DB", "SPEED_M_PER_S", "WAVEFORM", "Case", "Noisy", "received"]
 
 WAVEFORM = Waveform()
-SNR_DB = 10.0
-SPEED_M_PER_S = 10.0  # vertical speeds are drawn up to it
+SNR_DB = 10.0  # as in the other studies of single frames
+SPEED_M_PER_S = 10.0  # largest vertical speed, up and down
 NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 211, "frame_count": 2, "seed": 41}
 _NR5 = {"channel_bandwidth_hz": 5e6, "cell_id": 402, "frame_count": 2, "seed": 43}
 _NR20 = {
@@ -37,13 +37,13 @@ _NR20 = {
     "seed": 45,
 }
 _NR100 = {"channel_bandwidth_hz": 100e6, "subcarrier_spacing_hz": 30e3, "seed": 47}
-_LEAD = 4  # frames of a stream before the first that counts
-_30_KM_PER_H_HZ, _5_KM_PER_H_HZ = 120.0, 20.0  # at 4.3 GHz
+_LEAD = 4  # frames of a stream before the first that counts: the channel delays radar and jammer differently
+_30_KM_PER_H_HZ, _5_KM_PER_H_HZ = 120.0, 20.0  # Doppler at 4.3 GHz
 
 
 @dataclass(frozen=True, kw_only=True)
 class Noisy(NamedEmitter):
-    """An emitter with white noise ``noise_db`` below it that comes along: emitter protocol."""
+    """An emitter with white noise of its own, ``noise_db`` below it: emitter protocol."""
 
     emitter: Emitter
     noise_db: float
@@ -62,18 +62,17 @@ class Case:
     Attributes
     ----------
     title : str
-        As in tables.
+        Name in tables.
     emitter : Emitter
     method : str
-        The one that is made for it.
+        Canceller for this emitter.
     overlap : float
-        Of each frame.
     tones : int
-        Carriers of equal power together beside it, with as much power as it has.
+        Number of tones beside the emitter; together they have its power.
     stream : bool
-        Goes on from frame to frame; otherwise each frame is drawn, and searched, for itself.
+        Whether the emitter continues from frame to frame; otherwise frames are independent.
     radio : mapping or None
-        Keys of `ChannelSettings`: what clocks, mixers and converters do to a stream.
+        Keys of `ChannelSettings`: clocks, mixers and converters of a stream.
     """
 
     title: str
@@ -172,7 +171,7 @@ def received(
         stream = JammerStream(
             WAVEFORM, interferers, seed=int(rng.integers(2**31)), free_running=True, total_sir_db=None
         )
-        stream.next_frame()  # it begins within this one
+        stream.next_frame()  # the emitter starts within this frame
         jam = np.stack([stream.next_frame() for _ in range(count + _LEAD)])
         if sir_db is None:
             jam[:] = 0
@@ -187,16 +186,16 @@ def received(
 def _through(
     case: Case, returns: np.ndarray, jam: np.ndarray, sir_db: float | None, rng: np.random.Generator
 ) -> np.ndarray:
-    """(count, N) complex64: both streams through the simulated front end, whole frames again."""
+    """(count, N) complex64 frames of both streams behind the simulated front end."""
     n = WAVEFORM.samples_per_frame
-    # gain is set so that the converter clips at four times the rms
+    # the gain is set so that the converter clips at four times the RMS
     full_scale = 4.0 * np.sqrt(1.0 + 10.0 ** (-(sir_db or 0.0) / 10.0))
     settings = ChannelSettings(
         snr_db=SNR_DB, start_offset_samples=float(n), full_scale=full_scale, **(case.radio or {})
     )
     channel = SimulatedChannel(WAVEFORM, settings, seed=int(rng.integers(2**31)), frames=len(jam))
     radar = np.zeros_like(jam)
-    radar[_LEAD - 1 : -1] = returns  # comes a frame later; the jammer, where its clock drifts, two
+    radar[_LEAD - 1 : -1] = returns  # arrives a frame later, the jammer with a drifting clock two
     out = [
         np.concatenate([part for _, part in channel.process(*both)]) for both in zip(radar, jam, strict=True)
     ]

@@ -1,47 +1,50 @@
-"""Flights below base stations alone: many, and longer, behind the methods that are asked for."""
+"""Study: tracked flights below base stations, behind any methods."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point, Run, Study
-from ...evaluation.results.chain import Chain, seconds_per_frame
+from ...evaluation.results.chain import Chain
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.integrity import Integrity
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.table import number, table
-from .cases import WAVEFORM
 from .tracked import CONFIRMING, FLIGHTS, FRAMES, NR_MS, TRACKED_COLUMNS, fly
 
 __all__ = ["FlightPoint", "FlightsStudy", "tracked_table"]
 
+_RECEIVED_S = 0.002  # CPU seconds to make a frame, with its altimeters and trackers
+
 
 @dataclass(frozen=True)
 class FlightPoint(Point):
-    """A flight: its kind (of `FLIGHTS`) and its number."""
+    """A flight, by its kind (in `FLIGHTS`) and number."""
 
     flight: str = ""
     number: int = 0
 
 
 @dataclass(frozen=True)
-class FlightsStudy(Study):
+class FlightsStudy(ChainStudy):
     """The table of docs/tracked_flights.md.
 
     Attributes
     ----------
     methods : tuple of str
     flights : int
-        Per kind of interference.
+        Flights per kind of interference.
     length_s : int
-        Of a flight.
+        Duration of a flight.
     seed : int
     """
 
@@ -56,13 +59,10 @@ class FlightsStudy(Study):
         "rows.csv": "data/tracked_flights.csv",
     }
 
-    def head(self) -> dict[str, Any]:
-        """See `Study`."""
-        return vars(self) | {"chains": {m: Chain(m, m).head(WAVEFORM) for m in self.methods}}
-
-    def check(self) -> None:
-        """See `Study`; raises `MitigationError` where a method does not fit the default sweep."""
-        self.head()
+    @property
+    def chains(self) -> tuple[Chain, ...]:
+        """The methods, each with the default altimeter."""
+        return tuple(Chain(m, m) for m in self.methods)
 
     def points(self) -> Sequence[FlightPoint]:
         """A point per flight."""
@@ -79,15 +79,14 @@ class FlightsStudy(Study):
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `Study`."""
-        report = folder.head | {"run": run.as_dict(), "tracked": tracked_table(rows["rows"]), "nr_ms": NR_MS}
-        page = write_pages(folder, Path(__file__).with_name("flights.md.j2"), report)
-        folder.write_report(report | {"rows": list(rows["rows"])})
-        return page
+        report = {"tracked": tracked_table(rows["rows"]), "nr_ms": NR_MS}
+        return write_result(
+            folder, Path(__file__).with_name("flights.md.j2"), run.as_dict(), report | rows, {}
+        )
 
     def seconds(self, point: FlightPoint) -> float:
         """See `Study`."""
-        settings = Chain("none", "none").settings
-        return point.frames * (0.002 + sum(seconds_per_frame(m, WAVEFORM, settings) for m in self.methods))
+        return point.frames * (_RECEIVED_S + self.seconds_per_frame())
 
     def rehearsal(self) -> tuple[tuple[Study, FlightPoint], ...]:
         """See `Study`."""
@@ -95,12 +94,11 @@ class FlightsStudy(Study):
 
 
 def tracked_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Per-frame altitudes and the tracker's of all flights, by interference and method."""
+    """Altitudes per frame and tracked, over all flights, by interference, method and allowed speed."""
     lines = []
-    names = "flight", "method", "allowed_m_per_s"
-    for key in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
-        mine = [r for r in rows if tuple(r[name] for name in names) == key]
-        flight, method, allowed = key
+    where = itemgetter("flight", "method", "allowed_m_per_s")
+    for flight, method, allowed in dict.fromkeys(map(where, rows)):
+        mine = [r for r in rows if where(r) == (flight, method, allowed)]
         frames, correct, wrong = (
             sum(r[name] for r in mine) for name in ("trials", "correct", "wrong_frames")
         )
@@ -115,8 +113,8 @@ def tracked_table(rows: Sequence[Mapping[str, Any]]) -> str:
             number(total.availability / there, 3),
         )
         first = np.median([np.inf if r["first_s"] is None else r["first_s"] for r in mine])
-        after = f"{first:.2f}" if np.isfinite(first) else "–"
-        lines.append([FLIGHTS[flight].title, method, f"{allowed:g}", *shares, after, total.outputs, *counts])
+        about = [FLIGHTS[flight].title, method, f"{allowed:g}"]
+        lines.append([*about, *shares, number(first), total.outputs, *counts])
     header = ["interference", "method", "allowed, m/s", "Pd per frame", "wrong and valid per frame"]
     tracked = ["best pair", "Pd tracked", "available", "first after, s", "outputs"]
     return table([*header, *tracked, "wrong by 5 m (bound)", "hazardous (bound)"], lines)

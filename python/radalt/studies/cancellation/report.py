@@ -1,4 +1,4 @@
-"""The page of cancellation: break-points, wrong altitudes and costs by case, and one figure."""
+"""Page of the cancellation study: break-points, wrong altitudes and costs by case, and one figure."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from ...core.mitigation.ofdm.settings import OfdmSettings
 from ...evaluation.engine.study import Run
-from ...evaluation.results.break_point import break_point
+from ...evaluation.results.break_point import break_point_of
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.score import pool
 from ...evaluation.results.table import number, table
 from .cases import CASES
@@ -28,7 +28,7 @@ Row = Mapping[str, Any]
 _DRAWN = ("ideal", "evm_3", "evm_5", "evm_8", "qpsk_users")
 _COLOURS = ("#000000", "#0072B2", "#009E73", "#D55E00", "#CC79A7")  # Okabe and Ito
 _MARKERS = "os^Dv"
-_SHOWN_DB = (-30.0, -40.0, -45.0, -50.0)
+_SHOWN_DB = (-30.0, -40.0, -45.0, -50.0)  # SIRs whose Pd stands in the tables
 
 
 def write_report(
@@ -38,7 +38,6 @@ def write_report(
     found = rows["rows"]
     draw_pd(found, folder.path / "pd.png")
     cancelled = [r for r in found if r["method"] != "none"]
-    report = folder.head | {"run": run.as_dict(), "frames": study.frames}
     tables = {
         "best": {name: _break(found, name, "ofdm_cancel") for name in ("evm_3", "evm_8")},
         "settings_count": len(fields(OfdmSettings)),
@@ -48,14 +47,12 @@ def write_report(
         "wrong_none": _wrong([r for r in found if r["method"] == "none"]),
         "worst_ffts": number(max((r["ffts_most"] for r in cancelled), default=None), 0),
     }
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
-    folder.write_report(report | {"rows": list(found)})
-    return page
+    return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), rows, tables)
 
 
 def _break(rows: Sequence[Row], case: str, method: str) -> str:
     some = [r for r in rows if (r["case"], r["method"]) == (case, method)]
-    return str(break_point([r["sir_db"] for r in some], [r["pd"] for r in some])) if some else ""
+    return str(break_point_of(some)) if some else ""
 
 
 def _wrong(rows: Sequence[Row]) -> str:
@@ -64,18 +61,14 @@ def _wrong(rows: Sequence[Row]) -> str:
 
 
 def _table(rows: Sequence[Row], stream: bool) -> str:
-    """A line per case: break-points without mitigation and behind its canceller, Pd, wrong, costs."""
+    """A line per case: break-points without mitigation and behind its canceller, Pd, wrong altitudes, costs."""
     lines = []
     for name, case in CASES.items():
         mine = [r for r in rows if r["case"] == name]
         cancelled = [r for r in mine if r["method"] == case.method]
         if case.stream != stream or not cancelled:
             continue
-        points = []
-        for some in ([r for r in mine if r["method"] == "none"], cancelled):
-            points.append(
-                str(break_point([r["sir_db"] for r in some], [r["pd"] for r in some])) if some else ""
-            )
+        points = [_break(rows, name, method) for method in ("none", case.method)]
         pd = [next((number(r["pd"]) for r in cancelled if r["sir_db"] == sir_db), "") for sir_db in _SHOWN_DB]
         searched = [r for r in cancelled if r["sir_db"] <= -30.0] or cancelled
         median = number(float(np.median([r["ffts_mean" if stream else "ffts_median"] for r in searched])), 0)

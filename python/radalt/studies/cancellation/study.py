@@ -6,8 +6,6 @@ import dataclasses
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,40 +13,40 @@ from scipy import fft
 
 from ...core.mitigation import Mitigation
 from ...core.receiver.altimeter import shared_altimeter
-from ...evaluation.engine.study import Point, Run, Study
-from ...evaluation.results.chain import Chain, seconds_per_frame
-from ...evaluation.results.folder import RunFolder
+from ...evaluation.engine.chain_study import ChainStudy
+from ...evaluation.engine.study import Point, Study
+from ...evaluation.results.chain import Chain, method_of, seconds_per_frame
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import SCORE_COLUMNS, score_frames
-from .cases import CASES, WAVEFORM, received
+from .cases import CASES, WAVEFORM, Case, received
 
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
 
-CANCELLERS = ("ofdm_cancel", "qpsk_cancel")  # each is asked for the cases that it is made for
+CANCELLERS = ("ofdm_cancel", "qpsk_cancel")  # each runs on the cases of its own emitter only
 METHODS = ("none", *CANCELLERS)
 SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0, -60.0)
-_BELOW_PD = 0.3  # a case is left after two SIRs at which its canceller has less
+_BELOW_PD = 0.3  # Pd below which a canceller has failed; a case ends after two such SIRs
 _FFTS = 3  # FFTs of 7,500 points timed after each frame, so that caches are as the method left them
+_RECEIVED_S = 0.012  # CPU seconds to make a frame
 _COSTS = ("ffts_median", "ffts_mean", "ffts_most")
 
 
 @dataclass(frozen=True)
 class CasePoint(Point):
-    """One of `CASES` at all SIRs."""
+    """A case (of `CASES`) at all SIRs."""
 
     case: str = ""
 
 
 @dataclass(frozen=True)
-class CancellationStudy(Study):
+class CancellationStudy(ChainStudy):
     """The table of docs/cancellation.md.
 
     Attributes
     ----------
     methods, cases : tuple of str
-        By name.
     frames : int
-        Per case and SIR.
+        Frames per case and SIR.
     seed : int
     sirs_db : tuple of float
         From high to low.
@@ -74,17 +72,18 @@ class CancellationStudy(Study):
         "pd.png": "figures/cancellation_pd.png",
     }
 
-    def head(self) -> dict[str, Any]:
-        """See `Study`."""
-        return vars(self) | {"chains": {m: Chain(m, m).head(WAVEFORM) for m in self.methods}}
-
-    def check(self) -> None:
-        """See `Study`; raises `MitigationError` where a method does not fit the default sweep."""
-        self.head()
+    @property
+    def chains(self) -> tuple[Chain, ...]:
+        """The methods, each with the default altimeter."""
+        return tuple(Chain(m, m) for m in self.methods)
 
     def points(self) -> Sequence[CasePoint]:
         """A point per case."""
         return [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
+
+    def _chains_of(self, case: Case) -> list[Chain]:
+        """All chains but the cancellers of other emitters."""
+        return [c for c in self.chains if c.method not in CANCELLERS or c.method == case.method]
 
     def measure(self, point: CasePoint) -> list[dict[str, Any]]:
         """A row per SIR and method, on the same frames."""
@@ -94,42 +93,28 @@ class CancellationStudy(Study):
                 break
             seed = [self.seed, list(CASES).index(point.case), round(-10 * sir_db)]
             frames, altitude_m = received(case, sir_db, point.frames, np.random.default_rng(seed))
-            for method in _asked(self.methods, point.case):
-                cleaned, found = _cleaned(_method(method), frames, case.stream)
-                altimeter = shared_altimeter(WAVEFORM, Chain(method, method).settings)
+            for chain in self._chains_of(case):
+                cleaned, found = _cleaned(method_of(chain, WAVEFORM), frames, case.stream)
+                altimeter = shared_altimeter(WAVEFORM, chain.settings)
                 score = score_frames(altimeter.detect(altimeter.spectra(cleaned)), altitude_m)
-                failures += method == case.method and score.pd < _BELOW_PD
-                rows.append({"case": point.case, "sir_db": sir_db, "method": method} | score.row() | found)
+                failures += chain.method == case.method and score.pd < _BELOW_PD
+                where = {"case": point.case, "sir_db": sir_db, "method": chain.method}
+                rows.append(where | score.row() | found)
         return rows
-
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `Study`."""
-        from .report import write_report  # figures need matplotlib
-
-        return write_report(folder, self, rows, run)
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""
-        settings = Chain("none", "none").settings
-        each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in _asked(self.methods, point.case))
-        return len(self.sirs_db) * point.frames * (each + 0.012)
+        chains = self._chains_of(CASES[point.case])
+        each = sum(seconds_per_frame(c.method, WAVEFORM, c.settings) for c in chains)
+        return len(self.sirs_db) * point.frames * (each + _RECEIVED_S)
 
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
         """See `Study`."""
         return ((self, dataclasses.replace(self.points()[0], frames=3)),)
 
 
-def _asked(methods: Sequence[str], case: str) -> list[str]:
-    return [m for m in methods if m not in CANCELLERS or m == CASES[case].method]
-
-
-@lru_cache(maxsize=8)
-def _method(name: str) -> Mitigation:
-    return Chain(name, name).build(WAVEFORM)
-
-
 def _cleaned(method: Mitigation, frames: np.ndarray, stream: bool) -> tuple[np.ndarray, dict[str, float]]:
-    """(n, N) frames behind a method that knows nothing at first (of each, unless they are a stream), and its costs."""
+    """(n, N) frames behind a method that is reset first (before each frame unless they are a stream), and its costs."""
     method.reset()
     out, spent, unit, cancelled, tracked = np.empty_like(frames), [], [], 0, 0
     for row, frame in zip(out, frames, strict=True):

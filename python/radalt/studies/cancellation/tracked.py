@@ -1,10 +1,9 @@
-"""Flights below base stations that never stop: altitudes per frame, and what the tracker makes of them."""
+"""Flights below base stations that transmit continuously: altitudes per frame and tracked."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,12 @@ from ...core.interference.emitters.tones import ToneEmitter
 from ...core.interference.evm import TYPICAL
 from ...core.interference.placement import Emitter, Interferer
 from ...core.interference.stream import JammerStream
-from ...core.mitigation import Mitigation
 from ...core.receiver.altimeter import Spectra, shared_altimeter
 from ...core.receiver.integrator import Integrator
 from ...core.receiver.summed_block import Block
 from ...core.receiver.tracker import AltitudeTracker, TrackerSettings
 from ...core.returns.point import point_return
-from ...evaluation.results.chain import Chain
+from ...evaluation.results.chain import Chain, method_of
 from ...evaluation.results.integrity import COUNTS, Integrity, alert_limit_m, integrity, time_to_first_s
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
@@ -29,37 +27,28 @@ from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
 
 __all__ = ["ALLOWED_M_PER_S", "CONFIRMING", "FLIGHTS", "FRAMES", "NR_MS", "TRACKED_COLUMNS", "Flight", "fly"]
 
-_CHUNK = 40  # frames of an output
-FRAMES = 25 * _CHUNK  # of a second
-CONFIRMING = 2  # outputs that cannot be there yet: a track is confirmed by three
-ALLOWED_M_PER_S = (10.0, 20.0, 150.0)  # by altimeter and tracker; flown are up to the first
+_BLOCK = 40  # frames of an output
+FRAMES = 25 * _BLOCK  # frames per second
+CONFIRMING = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track
+ALLOWED_M_PER_S = (10.0, 20.0, 150.0)  # speeds that altimeter and tracker allow; flown are up to the first
+_FRAME_COUNTS = ("trials", "correct", "wrong_frames", "best_right")
 TRACKED_COLUMNS = Columns(
-    (
-        "flight",
-        "method",
-        "allowed_m_per_s",
-        "trials",
-        "correct",
-        "wrong_frames",
-        "best_right",
-        "first_s",
-        *Integrity().row(),
-    ),
+    ("flight", "method", "allowed_m_per_s", *_FRAME_COUNTS, "first_s", *Integrity().row()),
     text=frozenset({"flight", "method"}),
-    whole=frozenset({"trials", "correct", "wrong_frames", "best_right", *COUNTS}),
+    whole=frozenset({*_FRAME_COUNTS, *COUNTS}),
 )
 
 
 @dataclass(frozen=True)
 class Flight:
-    """Interference that goes on from frame to frame, parts of equal power, at one SIR; its data differ by flight."""
+    """Continuous interference of emitters of equal power at one SIR; their data differ from flight to flight."""
 
     title: str
     emitters: tuple[Emitter, ...]
     sir_db: float
 
 
-NR_MS = 1000  # before a carrier repeats its data: a track without a return would live on what recurs earlier
+NR_MS = 1000  # period of a carrier's data: a track without a return would persist on data that recur earlier
 _NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, evm=TYPICAL)
 FLIGHTS = {
     "nr10": Flight(
@@ -74,16 +63,8 @@ FLIGHTS = {
 }
 
 
-@lru_cache(maxsize=16)
-def _method(name: str) -> Mitigation:
-    return Chain(name, name).build(WAVEFORM)
-
-
 def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int) -> list[dict[str, Any]]:
-    """One flight of ``count`` frames through ``FLIGHTS[name]``: a row per method and allowed speed.
-
-    All see the same frames.
-    """
+    """One flight of ``count`` frames through ``FLIGHTS[name]``: a row per method and allowed speed."""
     flight, n = FLIGHTS[name], WAVEFORM.samples_per_frame
     speed = rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S)
     altitude_m = rng.uniform(20.0, 1480.0) + speed * WAVEFORM.sweep_s * np.arange(count)
@@ -94,19 +75,20 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int)
     stream = JammerStream(
         WAVEFORM, parts, seed=int(rng.integers(2**31)), free_running=True, total_sir_db=None
     )
-    stream.next_frame()  # it begins within this one
+    stream.next_frame()  # the emitters start within this frame
     altimeter = shared_altimeter(WAVEFORM, Chain("none", "none").settings)
     trackers = {
         (method, speed): AltitudeTracker(altimeter, TrackerSettings(max_vertical_speed_m_per_s=speed))
         for method in methods
         for speed in ALLOWED_M_PER_S
     }
+    built = {method: method_of(Chain(method, method), WAVEFORM) for method in methods}
     results, outputs = {key: [] for key in trackers}, {key: [] for key in trackers}
     best_right = dict.fromkeys(trackers, 0)
     for method in methods:
-        _method(method).reset()
-    for first in range(0, count, _CHUNK):
-        part = altitude_m[first : first + _CHUNK]
+        built[method].reset()
+    for first in range(0, count, _BLOCK):
+        part = altitude_m[first : first + _BLOCK]
         noise = rng.standard_normal((len(part), n, 2)).view(np.complex128)[..., 0]
         frames = point_return(
             WAVEFORM,
@@ -120,7 +102,7 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int)
         frames = frames.astype(np.complex64)
         received = altimeter.spectra(frames)
         for method in methods:
-            spectra = altimeter.spectra(_method(method).process(frames))
+            spectra = altimeter.spectra(built[method].process(frames))
             before = None if method == "none" else received
             for limit in ALLOWED_M_PER_S:
                 key = method, limit
@@ -128,22 +110,16 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int)
                 outputs[key].append(trackers[key].process(spectra, received=before))
                 best_right[key] += _best_is_right(trackers[key].integrator, spectra, part)
     return [
-        _row(
-            name,
-            *key,
-            np.concatenate(results[key]),
-            np.concatenate(outputs[key]),
-            altitude_m,
-            best_right[key],
-        )
+        _row(name, *key, np.concatenate(results[key]), np.concatenate(outputs[key]), altitude_m)
+        | {"best_right": best_right[key]}
         for key in trackers
     ]
 
 
 def _best_is_right(integrator: Integrator, spectra: Spectra, altitude_m: np.ndarray) -> bool:
-    """Whether a forced decision by these frames alone is right: the pair of most power, of those that stand out.
+    """Whether a forced decision from these frames alone is right: the pair of most power among the prominent ones.
 
-    It is what the tracker's measurement gives without a track, and without keeping doubtful altitudes back.
+    This is the tracker's measurement without a track, doubtful altitudes included.
     """
     ratio = integrator.normalise(spectra)
     at = np.nonzero(~np.isnan(ratio[:, 0, 0]))[0]
@@ -161,18 +137,17 @@ def _row(
     results: np.ndarray,
     outputs: np.ndarray,
     altitude_m: np.ndarray,
-    best_right: int,
-) -> Mapping[str, Any]:
-    """Per-frame score, and the tracker's, of one flight."""
+) -> dict[str, Any]:
+    """Scores of one flight per frame and tracked."""
     score = score_frames(results, altitude_m)
     truth_m = altitude_m[outputs["frame_index"]]
-    judged = integrity(outputs, truth_m, alert_limit_m(truth_m)).row()
-    frames = {
+    return {
+        "flight": name,
+        "method": method,
+        "allowed_m_per_s": allowed_m_per_s,
         "trials": score.trials,
         "correct": score.correct,
         "wrong_frames": score.wrong,
-        "best_right": best_right,
+        "first_s": time_to_first_s(outputs, WAVEFORM.sweep_s),
+        **integrity(outputs, truth_m, alert_limit_m(truth_m)).row(),
     }
-    first_s = time_to_first_s(outputs, WAVEFORM.sweep_s)
-    where = {"flight": name, "method": method, "allowed_m_per_s": allowed_m_per_s, "first_s": first_s}
-    return TRACKED_COLUMNS.row({**where, **frames, **judged})

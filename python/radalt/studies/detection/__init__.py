@@ -1,1 +1,1 @@
-"""How well the altimeter decides per frame: against a textbook one, and where there is no return at all."""
+"""Study: how well the altimeter decides frame by frame, beside a textbook altimeter and without a return."""

@@ -1,4 +1,4 @@
-"""The altimeter per frame: beside a textbook one where interference is strong, and where there is no return at all.
+"""The altimeter frame by frame: beside a textbook one under strong interference, and without a return.
 
 .venv/bin/python flowgraphs/detection.py  # both tables, all methods, into results/detection
 .venv/bin/python flowgraphs/detection.py --frames 100 --null-frames 0 --noise-frames 0 --out results/first
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "detection", "detection"
-# not lms: towards its reference every altitude is filtered to zero
+# without lms: filtered towards the reference, every altitude becomes zero
 METHODS = "none,whitening,blanking,linear_prediction,nlms_predictor,nlms,lms_reference_input,ofdm_cancel,tcae"
 
 

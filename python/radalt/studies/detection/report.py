@@ -1,4 +1,4 @@
-"""The page of the altimeter per frame."""
+"""Page of the study of single frames."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.proportion import mcnemar
 from ...evaluation.results.table import number, table
 
@@ -22,17 +22,14 @@ def write_report(
     folder: RunFolder, study: DetectionStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
 ) -> Path:
     """Write ``report.md`` and ``report.json``; returns the page."""
-    report = folder.head | {"run": run.as_dict()}
     tables = {"return_table": return_table(rows["rows"]), "null_table": null_table(rows["null"])}
     noise = [row for row in rows["null"] if row["scene"] == "none"]
     tables["noise_worst"] = max(noise, key=lambda row: row["rate"], default=None)
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
-    folder.write_report(report | {name: list(values) for name, values in rows.items()})
-    return page
+    return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), rows, tables)
 
 
 def return_table(rows: Sequence[dict[str, Any]]) -> str:
-    """Declared / forced Pd and error, wrong and valid; the textbook's beside them, and frames that one has alone."""
+    """Pd declared and forced, RMSE, wrong and valid, ours and the textbook's, and frames that only one has right."""
     found = ("declared / forced", "RMSE, m", "wrong")
     header = ["method, interference", "allowed, m/s", *found, *(f"textbook: {word}" for word in found)]
     header += ["declared by one alone", "forced by one alone"]
@@ -42,18 +39,18 @@ def return_table(rows: Sequence[dict[str, Any]]) -> str:
 def _line(row: dict[str, Any]) -> list[str]:
     level = f"SNR {row['snr_db']:g}" if row["scene"] == "none" else f"{row['scene']} {row['sir_db']:g}"
     cells = []
-    for of in ("", "textbook_"):
-        cells.append(f"{number(row[of + 'declared'], 3)} / {number(row[of + 'forced'], 3)}")
-        cells += [number(row[of + "rmse_m"]), number(row[of + "wrong"], 3)]
-    for of in ("declared_alone", "forced_alone"):
-        ours, theirs = row[of], row["textbook_" + of]
+    for whose in ("", "textbook_"):
+        cells.append(f"{number(row[whose + 'declared'], 3)} / {number(row[whose + 'forced'], 3)}")
+        cells += [number(row[whose + "rmse_m"]), number(row[whose + "wrong"], 3)]
+    for name in ("declared_alone", "forced_alone"):
+        ours, theirs = row[name], row["textbook_" + name]
         chance = mcnemar(ours, theirs)
         cells.append(f"{ours} : {theirs}, p {'< 0.01' if chance < 0.01 else number(chance)}")
     return [f"{row['method']}, {level} dB", f"{row['allowed_m_per_s']:g}", *cells]
 
 
 def null_table(rows: Sequence[dict[str, Any]]) -> str:
-    """False altitudes per frame by method and speed: noise alone, all interference, its worst case."""
+    """False altitudes per frame by method and allowed speed: in noise, in all interference, in its worst case."""
     header = [
         "method", "allowed, m/s", "noise alone", "interference alone, all cases", "worst case", "its rate", "bound",
     ]  # fmt: skip

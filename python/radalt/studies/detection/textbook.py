@@ -1,7 +1,8 @@
 """A textbook altimeter: the peak of the sum of both half sweeps' power spectra over speed hypotheses.
 
-Whole-signal NumPy that shares nothing with `core.receiver`: dechirp at the full rate, zero-padded FFT, largest sum,
-parabola. Forced, it decides in every frame; declared, a cell-averaging CFAR holds that sum against the band's mean.
+Whole-signal NumPy that shares no code with `core.receiver`: dechirping at the full rate, zero-padded FFT, largest sum,
+parabolic interpolation. A forced decision is the largest sum; a cell-averaging CFAR declares it by its ratio to the
+mean of the band.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ import numpy as np
 __all__ = ["textbook_altitudes"]
 
 _C_M_PER_S = 299_792_458.0
-_HYPOTHESIS_HZ = 500.0  # between speeds under test, as Doppler: 17 m/s
-_PADDING = 8
+_HYPOTHESIS_HZ = 500.0  # Doppler step between speed hypotheses: 17 m/s, a quarter of a resolution cell
+_PADDING = 8  # FFT length over samples: the parabola's error is then below 0.5 m (tests/test_detection.py)
 _GUARD = 1.5  # resolution cells on each side of the peak that the mean of the band leaves out
 
 
@@ -30,10 +31,10 @@ def textbook_altitudes(
     Parameters
     ----------
     frames : (n, N) complex
-        One sweep each, up from ``-bandwidth_hz / 2`` and down again, aligned with the reference.
+        One sweep each, up from ``-bandwidth_hz / 2`` and down, aligned with the reference.
     bandwidth_hz, rate_hz, carrier_hz : float
     speed_m_per_s : float
-        Largest vertical speed under test, up and down.
+        Largest vertical speed among the hypotheses, up and down.
     max_altitude_m : float
 
     Returns

@@ -13,19 +13,21 @@ from ...core.radio.recording import Stretch, write_metadata
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.scene import AltitudeSpec, Scene, load_scene
-from .cases import WAVEFORM, Case, case_of, fly, received
+from .cases import WAVEFORM, Case, case_of
+from .flights import fly
+from .received import received
 from .study import IntegrityStudy
 
 __all__ = ["write_capture"]
 
-_BEFORE = 400  # frames kept up to the event
-_PREAMBLE = 8
+_BEFORE = 400  # frames kept up to the event: ten outputs
+_PREAMBLE = 8  # frames at altitude zero, on which a replay takes its timing
 
 
 def write_capture(study: IntegrityStudy, event: Mapping[str, Any], folder: Path) -> Path:
-    """Write the frames up to a hazardous output, after a clean preamble on which a replay takes its timing.
+    """Write the frames up to a hazardous output behind a clean preamble; returns the path of the metadata.
 
-    Frames are as the methods got them: aligned by the segmenter, gaps where some are missing. Returns the metadata.
+    Frames are those that the methods got, aligned by the segmenter, with gaps for missing ones.
     """
     case, last = case_of(event["case"]), event["frame_index"]
     first, n = max(0, last + 1 - _BEFORE), WAVEFORM.samples_per_frame
@@ -61,7 +63,7 @@ def _joined(stretches: list[Stretch]) -> list[Stretch]:
 
 
 def _scene(case: Case, settings: AltimeterSettings, altitude_m: np.ndarray, speed_m_per_s: float) -> Scene:
-    """What was flown, one altitude a frame; zero where there was no return."""
+    """The scene flown, an altitude per frame, zero without a return."""
     flown = AltitudeSpec(
         programme_m=tuple(float(a) for a in altitude_m),
         frames=1,
@@ -69,7 +71,7 @@ def _scene(case: Case, settings: AltimeterSettings, altitude_m: np.ndarray, spee
         vertical_speed_m_per_s=float(speed_m_per_s),
         preamble_frames=_PREAMBLE,
     )
-    shipped = case.scene and case.kind != "gnuradio"  # whose scenes need a recording
+    shipped = case.scene and case.kind != "gnuradio"  # whose emitters are no scene
     scene = load_scene(case.scene).at(overlap=case.overlap, sir_db=case.sir_db) if shipped else Scene()
     text = f"{case.kind}: {case.name}" + ("" if case.ground else ", without a return")
     return dataclasses.replace(

@@ -9,7 +9,7 @@ from ...evaluation.results.rows import Columns
 
 __all__ = ["BY_KIND", "EDGES", "EVENTS", "FRAMES", "POOLED", "ROWS"]
 
-EDGES = np.r_[0.0, np.logspace(-3.0, 2.0, 41)]  # of the Stanford diagram, in alert limits
+EDGES = np.r_[0.0, np.logspace(-3.0, 2.0, 41)]  # bin edges of the Stanford diagram, in alert limits
 _STATED = ("case", "kind", "batch", "method", "scene", "overlap", "sir_db", "snr_db")
 FRAMES = ("trials", "detections", "correct")
 _EVENT = ("frame_index", "altitude_m", "truth_m", "protection_level_m", "alert_limit_m")
@@ -17,16 +17,9 @@ _WORDS = frozenset({"case", "kind", "method", "scene", "events", "stanford", "re
 _WHOLE = frozenset({*COUNTS, *FRAMES, "batch", "seed", "frame_index", "unalerted", "parts"})
 EVENTS = Columns(("case", "seed", "batch", "method", *_EVENT, "cause", "replay"), _WORDS, _WHOLE)
 _TIMES = ("first_s", "alert_s", "unalerted")
-POOLED = Columns(
-    tuple(
-        dict.fromkeys(
-            (*_STATED[:2], *_STATED[3:], "parts", "after_start", *Integrity().row(), *_TIMES, *FRAMES)
-        )
-    )
-    + ("pd", "wrong", "wrong_bound"),
-    _WORDS,
-    _WHOLE | {"wrong"},
-)
+_POOLED = (*_STATED[:2], *_STATED[3:], "parts", "after_start", *Integrity().row(), *_TIMES, *FRAMES)
+_POOLED += ("pd", "wrong", "wrong_bound")
+POOLED = Columns(tuple(dict.fromkeys(_POOLED)), _WORDS, _WHOLE | {"wrong"})
 BY_KIND = Columns(
     ("kind", "known_limit", "method", *POOLED.names[len(_STATED) - 1 :]),
     _WORDS,

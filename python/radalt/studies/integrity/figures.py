@@ -13,7 +13,7 @@ from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.score import Score
 from ...evaluation.results.style import series_style
-from .columns import EDGES
+from .columns import EDGES, FRAMES
 
 _EMITTERS = f"{EMITTERS}; paper_qpsk: ideal"
 
@@ -33,13 +33,13 @@ def stanford_counts(rows: Sequence[Row]) -> np.ndarray:
 
 
 def draw_stanford(rows: Sequence[Row], path: Path) -> None:
-    """Error against protection level of every computed output of every method, both over the alert limit."""
+    """Stanford diagram of all methods: error against protection level of computed outputs, over the alert limit."""
     from matplotlib.colors import LogNorm
     from matplotlib.patches import Rectangle
 
     counts = stanford_counts(rows)
     edges = EDGES.copy()
-    edges[0] = edges[1] ** 2 / edges[2]  # errors below the first edge: a bin like the others
+    edges[0] = edges[1] ** 2 / edges[2]  # the first bin, from 0, is drawn as wide as the others
     figure = new_figure(5.2, 4.3)
     axis = figure.subplots()
     figure.suptitle(_EMITTERS, fontsize=7)
@@ -55,16 +55,14 @@ def draw_stanford(rows: Sequence[Row], path: Path) -> None:
     )
     middle = np.sqrt(edges[1:] * edges[:-1])
     error, level = np.nonzero(counts * (middle[:, None] > 1.0) * (middle < 1.0))
-    axis.plot(middle[error], middle[level], "kx", ms=5)  # one alone would be lost in the hatching
-    places = {
-        "hazardous": (10.0, 0.0015),
-        "misleading": (0.25, 0.0015),
-        "bounded": (0.0012, 0.018),
-        "not to be used": (0.0012, 30.0),
-    }
-    for text, (x, y) in places.items():
-        at = "left" if text in ("bounded", "not to be used") else "center"
-        box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+    axis.plot(middle[error], middle[level], "kx", ms=5)  # a single one would not be seen in the hatching
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+    for text, x, y, at in (
+        ("hazardous", 10.0, 0.0015, "center"),
+        ("misleading", 0.25, 0.0015, "center"),
+        ("bounded", 0.0012, 0.018, "left"),
+        ("not to be used", 0.0012, 30.0, "left"),
+    ):
         axis.text(x, y, text, ha=at, va="center", fontsize=8, bbox=box)
     axis.set(
         xscale="log",
@@ -79,7 +77,7 @@ def draw_stanford(rows: Sequence[Row], path: Path) -> None:
 
 
 def draw_sir(rows: Sequence[Row], path: Path) -> None:
-    """Pd and availability, and the rate of wrong altitudes, against SIR: all scenes, overlaps and SNR of `jammed`."""
+    """Pd, availability and the rate of wrong altitudes against SIR, over all cases of the kind `jammed`."""
     rows = [r for r in rows if r["kind"] == "jammed"]
     methods = list(dict.fromkeys(r["method"] for r in rows))
     figure = new_figure(7.6, 3.6)
@@ -89,9 +87,7 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
         mine = [r for r in rows if r["method"] == method]
         sirs = sorted({r["sir_db"] for r in mine})
         at = [[r for r in mine if r["sir_db"] == sir] for sir in sirs]
-        frames = [
-            Score(*(sum(r[n] for r in some) for n in ("trials", "detections", "correct"))) for some in at
-        ]
+        frames = [Score(**{name: sum(r[name] for r in some) for name in FRAMES}) for some in at]
         tracked = [sum((Integrity.of_row(r) for r in some), Integrity()) for some in at]
         alone, after = series_style(method, methods), series_style(f"{method}, tracked", methods)
         left.plot(sirs, [s.pd for s in frames], **alone)
@@ -99,20 +95,13 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
         _rates(right, sirs, [s.wrong / s.trials for s in frames], [s.wrong_bound for s in frames], alone)
         bounds = [t.bound("wrong_20m") for t in tracked]
         _rates(right, sirs, [t.rate("wrong_20m") for t in tracked], bounds, after)
-    left.set(
-        xlabel="SIR over the whole sweep / dB",
-        ylabel="Pd per frame; availability tracked",
-        ylim=(-0.02, 1.02),
-    )
-    right.set(
-        xlabel="SIR over the whole sweep / dB",
-        ylabel="rate of wrong altitudes called valid",
-        yscale="log",
-    )
+    left.set(ylabel="Pd per frame; availability tracked", ylim=(-0.02, 1.02))
+    right.set(ylabel="rate of wrong altitudes called valid", yscale="log")
     right.set_title(
         "off by 5 m per frame, by 20 m tracked;\narrow: none seen, marker at the 95 % bound", fontsize=7
     )
     for axis in (left, right):
+        axis.set_xlabel("SIR over the whole sweep / dB")
         axis.grid(color="0.9")
     if methods:
         handles, labels = left.get_legend_handles_labels()
@@ -123,18 +112,11 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
 def _rates(
     axis: Any, sirs: Sequence[float], rates: Sequence[float], bounds: Sequence[float], style: dict
 ) -> None:
-    """Rates with their upper bounds; where nothing was seen the bound with an arrow down."""
+    """Rates with their upper bounds; for a rate of zero the bound, with an arrow down."""
     rate, bound = np.array(rates), np.array(bounds)
     none = rate == 0
     shown = np.where(none, bound, rate)
     axis.plot(sirs, shown, **style)
-    axis.errorbar(
-        sirs,
-        shown,
-        yerr=np.array([np.where(none, 0.4 * bound, 0.0), np.where(none, 0.0, bound - rate)]),
-        uplims=none,
-        fmt="none",
-        ecolor=style["color"],
-        elinewidth=0.8,
-        capsize=2,
-    )
+    spread = np.array([np.where(none, 0.4 * bound, 0.0), np.where(none, 0.0, bound - rate)])
+    look = {"fmt": "none", "ecolor": style["color"], "elinewidth": 0.8, "capsize": 2}
+    axis.errorbar(sirs, shown, yerr=spread, uplims=none, **look)

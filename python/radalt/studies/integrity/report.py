@@ -1,4 +1,4 @@
-"""The page of the integrity campaign: pooled cases, every hazardous output, two figures."""
+"""Page of the integrity campaign: pooled cases, every hazardous output, two figures."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.integrity import Integrity
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
 from .cases import BLOCK, KINDS, WAVEFORM, case_of
-from .columns import BY_KIND, EVENTS, POOLED
+from .columns import BY_KIND, EVENTS, FRAMES, POOLED
 
 if TYPE_CHECKING:
     from .study import IntegrityStudy
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
 __all__ = ["events_of", "pooled", "summarise", "write_report"]
 
 Row = Mapping[str, Any]
-_START = 2  # outputs of a flight before a track can be confirmed
-_LISTED = 200  # flights with hazardous outputs that the page lists; events.csv has all
+_START = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track
+_LISTED = 200  # most flights with hazardous outputs in the page; events.csv has all
 
 
 def _frame_score(rows: Sequence[Row]) -> Score:
-    return Score(*(sum(r[name] for r in rows) for name in ("trials", "detections", "correct")))
+    return Score(**{name: sum(r[name] for r in rows) for name in FRAMES})
 
 
 def _after_start(total: Integrity, flights: int) -> float:
-    """Availability without the outputs of each flight that no tracker can give."""
+    """Availability without the first outputs of each flight, before a track can be confirmed."""
     outputs = total.outputs - _START * flights
     return (total.computed - total.unbounded) / outputs if outputs > 0 else float("nan")
 
 
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
-    """One row from several: counts added, rates and bounds anew, median time to the first output, worst to alert."""
+    """Rows as one: sums of counts, their rates and bounds, median time to the first output, longest time to alert."""
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
     frames = _frame_score(rows)
     first = [r["first_s"] for r in rows if r["first_s"] is not None]
@@ -52,9 +52,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "first_s": float(np.median(first)) if first else None,
         "alert_s": max(alert, default=None),
         "unalerted": sum(r["unalerted"] for r in rows),
-        "trials": frames.trials,
-        "detections": frames.detections,
-        "correct": frames.correct,
+        **{name: getattr(frames, name) for name in FRAMES},
         "pd": frames.pd if ground else None,
         "wrong": frames.wrong,
         "wrong_bound": frames.wrong_bound,
@@ -70,7 +68,7 @@ def pooled(rows: Sequence[Row], key: Callable[[Row], Any]) -> list[dict[str, Any
 
 
 def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]]:
-    """Every hazardous output, a row of `EVENTS` each."""
+    """A row of `EVENTS` for every hazardous output."""
     out = []
     for row in rows:
         for event in (row["events"] or "").split():
@@ -82,10 +80,13 @@ def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]
     return out
 
 
-def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], run: Run) -> Path:
+def write_report(
+    folder: RunFolder, study: IntegrityStudy, tables: Mapping[str, Sequence[Row]], run: Run
+) -> Path:
     """Write figures, tables, ``report.md`` and ``report.json``; returns the page."""
     from .figures import draw_sir, draw_stanford
 
+    rows = tables["rows"]
     by_case = pooled(rows, lambda r: (r["case"], r["method"]))
     events = events_of(rows, study)
     by_kind = _by_kind(rows)
@@ -95,12 +96,12 @@ def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], 
     draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
     draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
-    report = folder.head | {
-        "run": run.as_dict(),
+    report = {
         "headline": _headline(rows, by_case, default),
         "hazardous": len(events),
+        "events": events,
     }
-    values = report | {
+    values = {
         "flight_s": study.frames * WAVEFORM.sweep_s,
         "kind_table": _kind_table([r for r in by_kind if not r["known_limit"]]),
         "outside_table": _kind_table([r for r in by_kind if r["known_limit"]]),
@@ -110,15 +111,13 @@ def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], 
         "flights_with_events": len({(e["replay"], e["cause"]) for e in events}),
         "times": _times(rows),
     }
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
-    folder.write_report(report | {"events": events})
-    return page
+    return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report, values)
 
 
 def _claim(rows: Sequence[Row]) -> dict[str, Any]:
-    """Outputs and flights of rows, those that are hazardous, and the 95 % bounds of both rates.
+    """Numbers of outputs and flights, of hazardous ones, and the 95 % bounds of both rates.
 
-    Outputs of a flight are not independent. A flight counts once, whatever its methods.
+    Outputs of a flight are not independent, hence the second; a flight counts once for all methods.
     """
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
     flights = {(r["case"], r["batch"]) for r in rows}
@@ -134,7 +133,7 @@ def _claim(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _headline(rows: Sequence[Row], by_case: Sequence[Row], default: str) -> dict[str, Any]:
-    """Numbers of the first paragraph: the cases inside the claim, all methods and the default one; availability."""
+    """Numbers of the first paragraph: claims of all methods and of the default one, and availability."""
     inside = [r for r in rows if not case_of(r["case"]).known_limit]
     names = {r["case"] for r in _visible(by_case, default)}
     seen = [r for r in rows if r["method"] == default and r["case"] in names]
@@ -157,24 +156,18 @@ def _headline(rows: Sequence[Row], by_case: Sequence[Row], default: str) -> dict
 
 
 def _visible(by_case: Sequence[Row], default: str) -> list[Row]:
-    """Cases of the default method whose Pd per frame is one half or more."""
+    """Cases in which the default method has a Pd per frame of one half or more."""
     return [r for r in by_case if r["method"] == default and (r["pd"] or 0.0) >= 0.5]
 
 
 def _unavailable_table(by_case: Sequence[Row], default: str) -> str:
-    """Cases of the default method that are seen in most frames and available in less than 0.99 after the start."""
-    mine = [r for r in _visible(by_case, default) if not r["after_start"] >= 0.99]
-    lines = [
-        [
-            f"`{r['case']}`",
-            number(r["pd"], 3),
-            number(r["after_start"], 3),
-            r["failures"],
-            r["outputs"] - r["computed"] - r["failures"],
-            r["unbounded"],
-        ]
-        for r in mine
-    ]
+    """Visible cases (`_visible`) with an availability below 0.99 after the start."""
+    lines = []
+    for r in _visible(by_case, default):
+        if not r["after_start"] >= 0.99:
+            shares = number(r["pd"], 3), number(r["after_start"], 3)
+            silent = r["outputs"] - r["computed"] - r["failures"]
+            lines.append([f"`{r['case']}`", *shares, r["failures"], silent, r["unbounded"]])
     header = [
         "case",
         "Pd",
@@ -191,7 +184,7 @@ def _rate(value: float) -> str:
 
 
 def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """`summarise` by kind and method; what is outside the claim stands in rows of its own."""
+    """`summarise` by kind and method, separately inside and outside the claim."""
     found = pooled(rows, lambda r: (r["kind"], case_of(r["case"]).known_limit, r["method"]))
     for row in found:
         row["known_limit"] = case_of(row["case"]).known_limit
@@ -227,14 +220,13 @@ def _kind_table(found: Sequence[Row]) -> str:
         "after the start",
         "misleading",
         "hazardous",
-        "its bound",
     ]
-    return table([*header, "Pd per frame", "wrong per frame"], lines) if lines else ""
+    return table([*header, "its bound", "Pd per frame", "wrong per frame"], lines) if lines else ""
 
 
 def _event_table(events: Sequence[Row]) -> str:
-    """A line per flight: how many outputs of each method in how long, the worst error, and how to see it again."""
-    events = sorted(events, key=lambda e: bool(e["cause"]))  # what nobody stated first
+    """A line per flight: outputs of each method, frames, the worst error, the words that replay it."""
+    events = sorted(events, key=lambda e: bool(e["cause"]))  # those at no stated limit first
     flights: dict[tuple[str, ...], list[Row]] = {}
     for event in events:
         flights.setdefault((event["replay"], event["cause"]), []).append(event)
@@ -258,7 +250,7 @@ def _event_table(events: Sequence[Row]) -> str:
 
 
 def _times(rows: Sequence[Row]) -> str:
-    """Milliseconds a frame of each method with its altimeter and tracker, as measured."""
+    """Median CPU time of 1000 frames of each method with its altimeter and tracker."""
     methods = dict.fromkeys(r["method"] for r in rows)
     medians = {m: np.median([r["ms_per_frame"] for r in rows if r["method"] == m]) for m in methods}
     return ", ".join(f"{m} {v:.2f} s" for m, v in medians.items()) + f" ({BLOCK} frames at a time)"

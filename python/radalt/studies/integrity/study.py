@@ -1,4 +1,4 @@
-"""Study: tracked and per-frame altitudes of all methods over the campaign's cases, each flight received once."""
+"""Study: altitudes of all methods, tracked and per frame, over the campaign's cases; all share a flight's frames."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ import dataclasses
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
 from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
-from ...evaluation.engine.study import Point, Run, Study
-from ...evaluation.results.chain import Chain, seconds_per_frame
-from ...evaluation.results.folder import RunFolder
+from ...evaluation.engine.chain_study import ChainStudy
+from ...evaluation.engine.study import Point, Study
+from ...evaluation.results.chain import Chain, method_of
 from ...evaluation.results.integrity import (
     alert_limit_m,
     error_m,
@@ -28,62 +26,47 @@ from ...evaluation.results.integrity import (
 )
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
-from .cases import BLOCK, KINDS, WAVEFORM, Case, Flight, case_of, cases, fly, received
+from .cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
 from .columns import EDGES, FRAMES, ROWS
+from .flights import Flight, fly
+from .received import received
 
-__all__ = [
-    "IntegrityPoint",
-    "IntegrityStudy",
-    "Judged",
-    "judge",
-    "replay_lines",
-]
+__all__ = ["IntegrityPoint", "IntegrityStudy", "Judged", "judge", "replay_lines"]
 
-# its flights have no leakage, so a track may start anywhere
+# a track may start at any altitude: flights without a leakage calibration have no leakage
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
-# milliseconds a frame that a scene's interference takes; the rest of a frame is _BASE_S
+# CPU time per frame of a scene's interference, of what a kind adds, and of the rest; `rehearsal` scales them
 _SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
-_KIND_MS = {
-    "terrain": 8.0,
-    "leakage": 1.0,
-    "gear": 1.0,
-    "fading": 1.5,
-    "gnuradio": 1.0,
-    "bounce": 0.5,
-    "nonlinear": 0.5,
-}
+_KIND_MS = {"terrain": 8.0, "leakage": 1.0, "gear": 1.0, "fading": 1.5, "gnuradio": 1.0}
+_KIND_MS |= {"bounce": 0.5, "nonlinear": 0.5}
 _BASE_S = 8e-4
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One method's outputs of a flight, one for every 40 ms, its results per frame, and milliseconds per frame."""
+    """A method's tracked outputs of a flight, one per 40 ms, its results per frame, and its CPU time."""
 
     outputs: np.ndarray
     results: np.ndarray
     ms_per_frame: float
 
 
-@lru_cache(maxsize=16)
-def _method(chain: Chain) -> Any:
-    return chain.build(WAVEFORM)
-
-
 def judge(
     frames_of_flight: Iterable[tuple[np.ndarray, ...]], frames: int, chains: Sequence[Chain]
 ) -> dict[str, Judged]:
-    """Every chain's tracked and per-frame altitudes of the same received frames."""
+    """Tracked and per-frame altitudes of each chain from the same received frames."""
     altimeter = shared_altimeter(WAVEFORM, chains[0].settings)
     trackers = {chain: AltitudeTracker(altimeter, TRACKER) for chain in chains}
     outputs, results = {c: [] for c in chains}, {c: [] for c in chains}
     spent = dict.fromkeys(chains, 0.0)
-    for chain in chains:
-        _method(chain).reset()
+    methods = {chain: method_of(chain, WAVEFORM) for chain in chains}
+    for method in methods.values():
+        method.reset()
     for index, samples, offset_s in frames_of_flight:
         received = altimeter.spectra(samples)
         for chain in chains:
             begin = time.thread_time()
-            spectra = altimeter.spectra(_method(chain).process(samples))
+            spectra = altimeter.spectra(methods[chain].process(samples))
             timing = {"frame_index": index, "timing_offset_s": offset_s}
             before = None if chain.method == "none" else received
             outputs[chain].append(trackers[chain].process(spectra, received=before, **timing))
@@ -100,7 +83,7 @@ def judge(
 
 
 def _complete(parts: list[np.ndarray], frames: int) -> np.ndarray:
-    """An output for every 40 ms: where no frame came any more, the equipment says FAILURE."""
+    """An output per 40 ms; those after the last frame have status FAILURE."""
     out = np.zeros(frames // BLOCK, dtype=OUTPUT_DTYPE)
     out["frame_index"] = BLOCK * np.arange(1, out.size + 1) - 1
     out["status"] = Status.FAILURE
@@ -113,28 +96,28 @@ def _complete(parts: list[np.ndarray], frames: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class IntegrityPoint(Point):
-    """One flight through a case: ``part`` counts those of the same case."""
+    """A flight through a case; ``part`` is its number among those of the same case."""
 
     case: str = ""
     part: int = 0
 
 
 @dataclass(frozen=True)
-class IntegrityStudy(Study):
+class IntegrityStudy(ChainStudy):
     """The campaign.
 
     Attributes
     ----------
     methods : tuple of str
-        Registry names; the last is the default method of the headline, unless `tcae` is among them.
+        The headline's method is `tcae`, or the last if `tcae` is not among them.
     kinds : tuple of str
-        Of `cases.KINDS`.
+        Names in `cases.KINDS`.
     frames : int
-        Of one flight, a multiple of 40.
+        Frames per flight, a multiple of 40.
     allowed_m_per_s : float
-        Vertical speed that altimeter and tracker have to expect; up to 10 m/s are flown.
+        Vertical speed that altimeter and tracker allow; up to 10 m/s are flown.
     parts : int
-        Flights through each case. No row depends on it: a run is resumed with more.
+        Flights through each case. No row depends on it, so that a run can be resumed with more.
     seed : int
     """
 
@@ -157,23 +140,18 @@ class IntegrityStudy(Study):
 
     @property
     def settings(self) -> AltimeterSettings:
-        """Of the altimeter behind every method."""
+        """Settings of the altimeter behind every method."""
         return AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=self.allowed_m_per_s)
 
     @property
     def chains(self) -> tuple[Chain, ...]:
-        """The methods with the altimeter behind them."""
+        """The methods, each with this altimeter."""
         return tuple(Chain(m, m, settings=self.settings) for m in self.methods)
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        known = {k: v for k, v in vars(self).items() if k != "parts"}
-        chains = {chain.label: chain.head(WAVEFORM) for chain in self.chains}
-        return known | {"chains": chains, "tracker": dataclasses.asdict(TRACKER)}
-
-    def check(self) -> None:
-        """See `Study`; raises `MitigationError` where a method cannot be built."""
-        self.head()
+        known = {name: value for name, value in super().head().items() if name != "parts"}
+        return known | {"tracker": dataclasses.asdict(TRACKER)}
 
     def points(self) -> Sequence[IntegrityPoint]:
         """The first flight of every case, then the second, and so on."""
@@ -195,29 +173,17 @@ class IntegrityStudy(Study):
         stated = vars(case) | {"case": case.name, "batch": point.part}
         return [stated | {"method": m} | _row(flight, j) for m, j in judged.items()]
 
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        from .report import write_report
-
-        return write_report(folder, self, rows["rows"], run)
-
     def seconds(self, point: Point) -> float:
         """See `Study`."""
         case = case_of(point.case)
-        ms = _SCENE_MS.get(case.scene, 0.1) + _KIND_MS.get(case.kind, 0.0)
-        alone = sum(seconds_per_frame(c.method, WAVEFORM, c.settings) for c in self.chains)
-        return point.frames * (_BASE_S + 1e-3 * ms + alone + 1e-4 * len(self.methods))
+        ms = _SCENE_MS.get(case.scene, 0.1) + _KIND_MS.get(case.kind, 0.0) + 0.1 * len(self.methods)
+        return point.frames * (_BASE_S + 1e-3 * ms + self.seconds_per_frame())
 
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
         """See `Study`."""
         short = dataclasses.replace(self, frames=min(80, self.frames), parts=1)
         points = short.points()
         return tuple((short, points[len(points) * k // 4]) for k in range(4))
-
-    @property
-    def needs_network(self) -> bool:
-        """See `Study`."""
-        return not {"tcae", "hybrid"}.isdisjoint(self.methods)
 
 
 def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
@@ -244,12 +210,12 @@ def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
 
 
 def _limit_m(outputs: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """(n,) alert limits; without a return that of the altitude given, since who uses it has no other."""
+    """(n,) alert limits; without a return that of the output's altitude, the only one that its user knows."""
     return alert_limit_m(np.where(np.isfinite(truth), truth, outputs["altitude_m"]))
 
 
 def _events(outputs: np.ndarray, truth: np.ndarray, limit: np.ndarray) -> str:
-    """Hazardous outputs as words: numbers of `_EVENT` joined by commas, an empty truth where there is no return."""
+    """Hazardous outputs as words: numbers joined by commas, with an empty truth if there is no return."""
     said = []
     for k in np.nonzero(is_hazardous(outputs, truth, limit))[0]:
         o = outputs[k]
@@ -259,7 +225,7 @@ def _events(outputs: np.ndarray, truth: np.ndarray, limit: np.ndarray) -> str:
 
 
 def replay_lines(study: IntegrityStudy, case: Case, batch: int) -> list[str]:
-    """Every output of one flight, a line each."""
+    """A line for every output of one flight."""
     flight, judged = study.flown(case, batch)
     lines = []
     for method, j in judged.items():

@@ -1,4 +1,4 @@
-"""Assumptions a landing result hangs on, one row of the sensitivity table each."""
+"""Assumptions on which a landing result depends, a row of the sensitivity table each."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ __all__ = ["ASSUMPTIONS", "Assumption"]
 class Assumption:
     """A study changed in one assumption.
 
-    Parameters
+    Attributes
     ----------
     name, group, text : str
-        Key, part of the table, and what is assumed, for the reader.
+        Key, part of the table, and the assumption in words.
     change : callable
         From the study to the changed one.
     shift_db : float
@@ -40,10 +40,10 @@ class Assumption:
 
 @dataclass(frozen=True)
 class ReceivedQpsk:
-    """QPSK with rectangular pulses as a receiver gives it: built at four times the rate, filtered, decimated.
+    """QPSK with rectangular pulses behind a receiver: made at four times the rate, filtered, decimated.
 
-    Sampled straight at the radar's rate, such pulses do not change between symbol edges, so that a method can
-    take them away exactly, at any level; no receiver delivers that.
+    Sampled at the radar's rate without a filter, such pulses are constant between symbol edges, so that a method can
+    remove them exactly at any level; no receiver delivers that.
     """
 
     emitter: QpskEmitter = QpskEmitter(evm=TYPICAL)
@@ -96,7 +96,7 @@ def _beam(width_deg: float) -> Assumption:
     return Assumption(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
 
 
-# B T_h = 3750: what dechirping a half sweep gains against interference that is white over the band
+# gain of dechirping a half sweep (B T_h = 3750) against interference that is white over the band
 COMPRESSION_DB = 35.7
 
 ASSUMPTIONS: tuple[Assumption, ...] = (

@@ -5,7 +5,7 @@
     .venv/bin/python flowgraphs/landing_eval.py my_study.yaml --out results/mine --jobs 8
 
 Writes tables, report.json, report.md, PNG figures and the study as used into one folder; with --resume a
-stopped run goes on. No GNU Radio and no hardware is needed.
+stopped run is completed. Needs neither GNU Radio nor hardware.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The landing study's file: what is flown over what, with which radar, and how much of it is measured.
-
-One YAML file (`load_config`) holds everything that a row depends on.
-"""
+"""Settings of the landing study, from one YAML file (`load_config`); rows depend on nothing else."""
 
 from __future__ import annotations
 
@@ -50,27 +47,25 @@ __all__ = [
     "parse_config",
 ]
 
-FOOT_M = 0.3048
-
 
 class StudyError(InputError):
-    """A study that cannot be used; the message is one line for the user."""
+    """An unusable study; the message is one line for the user."""
 
 
 @dataclass(frozen=True)
 class ApproachSpec:
     """Figure 1: the whole approach at one interference level.
 
-    Parameters
+    Attributes
     ----------
     frames : int
         Frames measured, evenly spread over the flight; 0 leaves the part out.
     sir_db : float
-        Interference level, also that of the sensitivity table.
+        SIR, also that of the sensitivity table.
     overlap : float
-        Fraction of the frame that is hit.
+        Active fraction of the frame.
     chunk : int
-        Frames of one point; adaptive methods start anew in each.
+        Frames per point; methods are reset at the start of each.
     """
 
     frames: int = 400
@@ -87,9 +82,9 @@ class ApproachSpec:
 
 @dataclass(frozen=True)
 class CurveSpec:
-    """Figure 2: error against SINR by overlap, at instants spread over the flight, the same for every point.
+    """Figure 2: error against SINR by overlap, with all points at the same instants of the flight.
 
-    ``sensitivity_trials`` frames go into each row of the sensitivity table; 0 leaves it out.
+    ``sensitivity_trials`` is the number of frames per row of the sensitivity table; 0 leaves it out.
     """
 
     overlap: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
@@ -106,11 +101,11 @@ class CurveSpec:
 
 @dataclass(frozen=True)
 class LandingConfig:
-    """Everything the study's rows depend on.
+    """Settings of the study.
 
-    ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation.
-    ``doppler: false`` stops the aircraft in every frame. ``looks`` frames in a row are averaged (power
-    spectra) into one altitude. ``folder`` is where relative file names are looked up.
+    ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation. With
+    ``doppler: false`` the aircraft has no velocity in any frame. The power spectra of ``looks`` consecutive frames are
+    averaged for one altitude. Relative file names are relative to ``folder``.
     """
 
     name: str = "landing"
@@ -124,7 +119,7 @@ class LandingConfig:
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
     interference: tuple[Interferer, ...] = (Interferer(QpskEmitter(evm=TYPICAL)),)
     methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening", "linear_prediction", "tcae")
-    method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
+    method_options: dict[str, dict[str, Any]] = field(default_factory=dict, hash=False)
     snr_db: float | None = None
     doppler: bool = True
     point_target: bool = False
@@ -143,7 +138,7 @@ class LandingConfig:
 
     @property
     def spec(self) -> LandingSpec:
-        """The landing itself."""
+        """Flight, terrain, antenna, ground and link."""
         return LandingSpec(self.trajectory, self.terrain, self.antenna, self.ground, self.link, self.folder)
 
     def radar(self) -> TerrainReturn:
@@ -156,7 +151,7 @@ class LandingConfig:
         return self.spec.window_s(_flight(self.spec), margin_s)
 
     def states(self, times_s: np.ndarray) -> list[AircraftState]:
-        """Aircraft states; without Doppler they stand still."""
+        """Aircraft states; without Doppler their velocity is zero."""
         states = _flight(self.spec).states(times_s)
         if self.doppler:
             return states
@@ -166,10 +161,10 @@ class LandingConfig:
         """(frames,) instants of figure 1, evenly spread."""
         return np.linspace(*self.window_s(), self.approach.frames)
 
-    def trial_times_s(self, trials: int, batch: int = 0) -> np.ndarray:
-        """(trials,) instants, one at random in each of as many equal parts of the flight; others in each batch."""
+    def trial_times_s(self, trials: int) -> np.ndarray:
+        """(trials,) instants, a random one in each of as many equal parts of the flight."""
         start, end = self.window_s()
-        rng = np.random.default_rng([self.seed, 0x71, batch] if batch else [self.seed, 0x71])
+        rng = np.random.default_rng([self.seed, 0x71])
         return start + (end - start) * (np.arange(trials) + rng.random(trials)) / max(trials, 1)
 
 
@@ -179,7 +174,7 @@ def _flight(spec: LandingSpec) -> Trajectory:
 
 
 def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "") -> LandingConfig:
-    """A validated study file from nested mappings as YAML gives them.
+    """A validated study from nested mappings, as YAML gives them.
 
     Raises
     ------
@@ -200,12 +195,12 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
 
 
 def check_config(config: LandingConfig) -> None:
-    """Find out what does not fit before anything is measured.
+    """Check files, coverage and heights before the run.
 
     Raises
     ------
     StudyError, TerrainError, TrajectoryError
-        One line about the first thing found: files, coverage, heights.
+        One line about the first fault.
     """
     if not (config.approach.frames or config.curve.trials or config.curve.sensitivity_trials):
         raise StudyError(
@@ -232,13 +227,12 @@ def check_config(config: LandingConfig) -> None:
     if height[high] > top:
         raise StudyError(
             f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
-            f"altimeter.max_altitude_m {top:g}; raise it, or cut with "
-            "trajectory.start_s"
+            f"altimeter.max_altitude_m {top:g}; raise it, or cut with trajectory.start_s"
         )
 
 
 def load_config(path: Path | str) -> LandingConfig:
-    """Read a study; relative file names in it are looked up beside it."""
+    """Read a study file; relative file names in it are relative to its folder."""
     path = Path(path)
     try:
         data = load_yaml(path, what="study") or {}
@@ -250,7 +244,7 @@ def load_config(path: Path | str) -> LandingConfig:
 
 
 def config_dict(config: LandingConfig) -> dict[str, Any]:
-    """The study as plain mappings, as it is written beside the results; `parse_config` reads it back."""
+    """The study as plain mappings, the inverse of `parse_config`."""
     mapping = {
         f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config) if f.name != "folder"
     }

@@ -18,8 +18,8 @@ from .points import approach_frames, impaired, rng_of
 
 __all__ = ["condition", "curve_of", "draw_figures"]
 
-IMAGE_FRAMES = 300
-_DPI, _ACROSS = 130, 4
+IMAGE_FRAMES = 300  # columns of the range-time image, about one per pixel
+_DPI, _ACROSS = 130, 4  # resolution of all figures; conditions side by side in the first
 
 
 def condition(row: dict[str, Any]) -> str:
@@ -28,7 +28,7 @@ def condition(row: dict[str, Any]) -> str:
 
 
 def curve_of(rows: Sequence[dict[str, Any]], overlap: float, method: str) -> list[dict[str, Any]]:
-    """One curve of figure 2, by rising SINR asked for (what a point got is limited by its SNR)."""
+    """One curve of figure 2, by rising nominal SINR (that of a point is limited by its SNR)."""
     wanted = [r for r in rows if (r["overlap"], r["method"]) == (overlap, method)]
     return sorted((r for r in wanted if r["asked_sinr_db"] is not None), key=lambda r: r["asked_sinr_db"])
 
@@ -36,7 +36,7 @@ def curve_of(rows: Sequence[dict[str, Any]], overlap: float, method: str) -> lis
 def draw_figures(
     config: LandingConfig, rows: Mapping[str, Sequence[dict[str, Any]]], folder: Path
 ) -> list[str]:
-    """Draw what the tables have material for; returns the file names, in report order."""
+    """Draw the figures of the tables that have rows; returns the file names, in report order."""
     names = []
     if rows["approach"]:
         names.append(_approach(config, rows["approach"], folder))
@@ -47,7 +47,7 @@ def draw_figures(
 
 
 def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
-    """Altitude over time and below it the error, per condition; at most four conditions side by side."""
+    """Altitude and error over time, per condition."""
     labels = list(dict.fromkeys(condition(r) for r in rows))
     across = min(len(labels), _ACROSS)
     down = -(-len(labels) // across)
@@ -146,7 +146,7 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
 
 
 def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
-    """Error over all frames and Pd against SINR, a row per overlap; errors of detections alone stand in curve.csv."""
+    """Error over all frames and Pd against SINR, a row per overlap; errors of detections only are in curve.csv."""
     overlaps = config.curve.overlap
     figure = new_figure(6.2, 2.1 * len(overlaps) + 1.4, dpi=_DPI)
     axes = figure.subplots(len(overlaps), 2, sharex=True, sharey="col", squeeze=False)

@@ -1,4 +1,4 @@
-"""Rows of the landing study: one batch of a point at a time, from (config, point, batch) alone."""
+"""Rows of the landing study: those of a point, a function of (config, point)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...core.interference.placement import interference_frames
 from ...core.returns.point import point_return
-from ...core.returns.terrain import GroundReturn
+from ...core.returns.terrain import GroundReturn, TerrainReturn
 from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain, seconds_per_frame
 from ...evaluation.results.rows import Columns
@@ -39,15 +39,13 @@ __all__ = [
     "trial_frames",
 ]
 
-RESAMPLES = 400
+RESAMPLES = 400  # of the bootstrap
 MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s", "peak_to_sidelobe_db")
 _LEVELS = ("sinr_db", "sir_db", "snr_db")
 _ACCURACY = ("in_band", "speed_bias_m_per_s", "speed_rmse_m_per_s")
 _INTERVALS = tuple(f"rmse_{over}_{end}_m" for over in ("detected", "forced") for end in ("low", "high"))
-_WHOLE = frozenset(
-    {"valid", "reason", "trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}
-    | {"diverged_frames"}
-)
+_COUNTS = ("trials", "detections", "correct", "forced", "frames_lost", "wrong_far", "diverged_frames")
+_WHOLE = frozenset({"valid", "reason", *_COUNTS})
 
 
 def _columns(*names: str) -> Columns:
@@ -63,13 +61,13 @@ TABLES = {
     "curve": _columns("method", "overlap", "asked_sinr_db", *_STATISTICS),
     "assumptions": _columns("assumption", "method", "overlap", *_STATISTICS),
 }
-"""Tables of the result: frames of the approach; points of figure 2, those without ``asked_sinr_db`` without
-interference; rows of the sensitivity table."""
+"""Tables of the result: frames of the approach; points of figure 2, without interference if they have no
+``asked_sinr_db``; rows of the sensitivity table."""
 
 
 @dataclasses.dataclass(frozen=True)
 class LandingPoint(Point):
-    """A part of the approach from frame ``first``, a level of figure 2, or an assumption, by its ``table``."""
+    """A part of the approach from frame ``first`` on, a level of figure 2, or an assumption, by its ``table``."""
 
     first: int = 0
     overlap: float = 0.0
@@ -101,12 +99,12 @@ def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Truth:
-    """Frames without noise or interference, unit expected power, with what is true of them.
+    """Frames of unit expected power without noise or interference, and their truth.
 
-    Parameters
+    Attributes
     ----------
     frames : (n, looks, N) complex64 array
-        Consecutive frames of each of ``n`` altitudes.
+        Consecutive frames for each of ``n`` altitudes.
     height_m, nearest_m, climb_m_per_s, snr_db, time_s : (n,) arrays
         Truth at the middle of the looks.
     """
@@ -119,13 +117,27 @@ class Truth:
     time_s: np.ndarray
 
 
+_ON_FRAMES = ("seed", "trajectory", "terrain", "antenna", "ground", "link", "waveform", "folder")
+_ON_FRAMES += ("snr_db", "doppler", "point_target", "looks")
+
+
+def _flown(config: LandingConfig) -> LandingConfig:
+    """The study with only those settings on which frames without interference depend: a key of caches."""
+    return LandingConfig(**{name: getattr(config, name) for name in _ON_FRAMES})
+
+
+@lru_cache(maxsize=8)
+def _radar(flown: LandingConfig) -> TerrainReturn:
+    return flown.radar()
+
+
 def _returns(config: LandingConfig, times_s: np.ndarray) -> list[GroundReturn]:
-    radar = _radar(_key(config))
+    radar = _radar(_flown(config))
     results = []
     for state in config.states(times_s):
         result = radar(state)
         if config.point_target:
-            # the phase is the echo's own; its level is that of the ground it stands for
+            # the phase of a point's echo, the level of the ground that it replaces
             echo = point_return(
                 config.waveform,
                 result.height_m,
@@ -137,8 +149,7 @@ def _returns(config: LandingConfig, times_s: np.ndarray) -> list[GroundReturn]:
 
 
 @lru_cache(maxsize=8)
-def _truth(key: str, times: tuple[float, ...]) -> Truth:
-    config = _CONFIGS[key]
+def _truth(config: LandingConfig, times: tuple[float, ...]) -> Truth:
     offsets = (np.arange(config.looks) - 0.5 * (config.looks - 1)) * config.waveform.sweep_s
     samples = config.waveform.samples_per_frame
     frames = np.empty((len(times), config.looks, samples), dtype=np.complex64)
@@ -154,32 +165,14 @@ def _truth(key: str, times: tuple[float, ...]) -> Truth:
     return Truth(frames, height, nearest, climb, snr, np.array(times))
 
 
-# they hold dictionaries and are not hashable; caches are keyed by their digest instead
-_CONFIGS: dict[str, LandingConfig] = {}
-
-
-def _key(config: LandingConfig) -> str:
-    """Digest of what the frames without interference depend on."""
-    parts = (config.trajectory, config.terrain, config.antenna, config.ground, config.link, config.waveform)
-    more = (config.seed, config.snr_db, config.doppler, config.point_target, config.looks, config.folder)
-    key = hashlib.sha256(repr((parts, more)).encode()).hexdigest()
-    _CONFIGS.setdefault(key, config)
-    return key
-
-
-@lru_cache(maxsize=8)
-def _radar(key: str):  # noqa: ANN202 - TerrainReturn
-    return _CONFIGS[key].radar()
-
-
 def approach_frames(config: LandingConfig, first: int, count: int) -> Truth:
-    """Frames of a part of figure 1, as the ground returns them."""
-    return _truth(_key(config), tuple(config.approach_times_s()[first : first + count].tolist()))
+    """Returns of the ground for a part of figure 1."""
+    return _truth(_flown(config), tuple(config.approach_times_s()[first : first + count].tolist()))
 
 
-def trial_frames(config: LandingConfig, trials: int, batch: int = 0) -> Truth:
-    """Frames of a batch of trials, as the ground returns them."""
-    return _truth(_key(config), tuple(config.trial_times_s(trials, batch).tolist()))
+def trial_frames(config: LandingConfig, trials: int) -> Truth:
+    """Returns of the ground for a point's trials."""
+    return _truth(_flown(config), tuple(config.trial_times_s(trials).tolist()))
 
 
 def impaired(
@@ -193,9 +186,9 @@ def impaired(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames with noise and interference, and the SIR and SINR they have.
 
-    Powers are averaged over the whole frame and refer to the *expected* return (mean over speckle). Given an
-    SIR, the interference has it; given a SINR, the interference makes up what the noise leaves, and with
-    overlap 0 the noise itself is raised to it. A SINR above the SNR cannot be had: the frame keeps its SNR.
+    Powers are averaged over the whole frame and refer to the *expected* return (mean over speckle). ``sir_db`` sets the
+    level of the interference; ``sinr_db`` sets that of interference and noise together, with overlap 0 that of the
+    noise. A SINR above the SNR is not possible: the frame keeps its SNR.
 
     Returns
     -------
@@ -227,7 +220,7 @@ def impaired(
 
 
 def altitudes(config: LandingConfig, frames: np.ndarray, method: str) -> tuple[np.ndarray, int]:
-    """Altimeter results of ``(n, looks, N)`` frames behind a method, and the frames in which it diverged."""
+    """Altimeter results of ``(n, looks, N)`` frames behind a method, and the number of frames in which it diverged."""
     options = tuple(config.method_options.get(method, {}).items())
     chain = Chain(method, method, options, settings=config.altimeter, looks=frames.shape[1])
     results, stage = chain.results(frames.reshape(-1, frames.shape[-1]), config.waveform)
@@ -235,7 +228,7 @@ def altitudes(config: LandingConfig, frames: np.ndarray, method: str) -> tuple[n
 
 
 def accuracy(results: np.ndarray, height_m: np.ndarray, climb_m_per_s: np.ndarray) -> dict[str, Any]:
-    """What the common score does not say: the share within the accuracy band, and the error of vertical speed.
+    """The share within the accuracy band, and the error of vertical speed, which `Score` does not have.
 
     A frame without detection counts against ``in_band``, never against the speed.
     """
@@ -247,7 +240,7 @@ def accuracy(results: np.ndarray, height_m: np.ndarray, climb_m_per_s: np.ndarra
 
 
 def statistics(results: np.ndarray, truth: Truth, seed: Sequence[int]) -> dict[str, Any]:
-    """The score of one method over a point's trials, with intervals of both errors (bootstrap, from ``seed``)."""
+    """Score of one method over a point's trials, with bootstrap intervals (from ``seed``) of both errors."""
     row = score_frames(results, truth.height_m).row()
     row |= accuracy(results, truth.height_m, truth.climb_m_per_s)
     error = results["altitude_m"] - truth.height_m
@@ -257,7 +250,7 @@ def statistics(results: np.ndarray, truth: Truth, seed: Sequence[int]) -> dict[s
 
 
 def _bootstrap(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float]:
-    """95 % interval of the root mean square, over trials drawn anew."""
+    """95 % interval of the root mean square over resampled trials."""
     if errors.size == 0:
         return np.nan, np.nan
     draws = np.random.default_rng(list(seed)).integers(0, errors.size, (RESAMPLES, errors.size))
@@ -265,30 +258,29 @@ def _bootstrap(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def rng_of(config: LandingConfig, name: str, batch: int = 0) -> np.random.Generator:
-    """Random numbers of one batch of what is named."""
-    return np.random.default_rng(_seed(config, name, batch))
+def rng_of(config: LandingConfig, name: str) -> np.random.Generator:
+    """Random generator of a point, by its name."""
+    return np.random.default_rng(_seed(config, name))
 
 
-def _seed(config: LandingConfig, name: str, batch: int) -> list[int]:
+def _seed(config: LandingConfig, name: str) -> list[int]:
     digest = hashlib.sha256(name.encode()).digest()
-    seed = [config.seed, int.from_bytes(digest[:4], "big"), int.from_bytes(digest[4:8], "big")]
-    return [*seed, batch] if batch else seed
+    return [config.seed, int.from_bytes(digest[:4], "big"), int.from_bytes(digest[4:8], "big")]
 
 
-def point_rows(config: LandingConfig, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
-    """All rows of one batch of a point."""
+def point_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
+    """All rows of a point."""
     rows = {"approach": _approach_rows, "curve": _curve_rows, "assumptions": _assumption_rows}[point.table]
-    return rows(config, point, batch)
+    return rows(config, point)
 
 
-def _approach_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+def _approach_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
     truth = approach_frames(config, point.first, point.frames)
     spec = config.approach
     rows = []
     for overlap, sir_db, methods in ((0.0, None, ("none",)), (spec.overlap, spec.sir_db, config.methods)):
-        # the same noise with and without interference
-        rng = rng_of(config, point.name, batch)
+        # one generator each, so that the noise is the same with and without interference
+        rng = rng_of(config, point.name)
         frames, sir, sinr = impaired(config, truth, rng, overlap=overlap, sir_db=sir_db)
         known = {name: getattr(truth, name) for name in _TRUE} | {"sir_db": sir, "sinr_db": sinr}
         for method in methods:
@@ -321,10 +313,10 @@ def _summary_rows(
     return rows
 
 
-def _curve_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
-    truth = trial_frames(config, point.frames, batch)
+def _curve_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
+    truth = trial_frames(config, point.frames)
     level = {} if point.sinr_db is None else {"overlap": point.overlap, "sinr_db": point.sinr_db}
-    rows = _summary_rows(config, truth, _seed(config, point.name, batch), config.methods, **level)
+    rows = _summary_rows(config, truth, _seed(config, point.name), config.methods, **level)
     return [row | {"overlap": point.overlap, "asked_sinr_db": point.sinr_db} for row in rows]
 
 
@@ -333,19 +325,19 @@ def assumed_methods(config: LandingConfig) -> tuple[str, ...]:
     return tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
 
 
-def _assumption_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+def _assumption_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
     assumption = next(a for a in ASSUMPTIONS if a.name == point.assumption)
     changed = assumption.change(config)
-    truth = trial_frames(changed, point.frames, batch)
+    truth = trial_frames(changed, point.frames)
     level = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db + assumption.shift_db}
-    # one random stream for the whole table: rows differ by their assumption, not by their draws
-    rows = _summary_rows(changed, truth, _seed(config, "variant", batch), assumed_methods(config), **level)
+    # one seed for the whole table: rows differ by their assumption, not by their random numbers
+    rows = _summary_rows(changed, truth, _seed(config, "variant"), assumed_methods(config), **level)
     overlap = config.approach.overlap if changed.interference else 0.0
     return [row | {"assumption": point.assumption, "overlap": overlap} for row in rows]
 
 
 def seconds(config: LandingConfig, point: LandingPoint) -> float:
-    """Rough CPU seconds of one batch of a point; the ground's return is made once for all points of the curve."""
+    """Approximate CPU seconds of a point; all points of the curve share the returns of the ground."""
     methods = assumed_methods(config) if point.table == "assumptions" else config.methods
     each = sum(
         seconds_per_frame(
@@ -353,19 +345,18 @@ def seconds(config: LandingConfig, point: LandingPoint) -> float:
         )
         for m in methods
     )
-    ground = _seconds_per_return(_key(config)) if point.table != "curve" or point.sinr_db is None else 0.0
+    ground = _seconds_per_return(_flown(config)) if point.table != "curve" or point.sinr_db is None else 0.0
     looks = 8 if point.assumption == "looks_8" else config.looks
     return point.frames * looks * (each + ground + _IMPAIR_S)
 
 
-_IMPAIR_S = 1e-3  # noise and interference of a frame
+_IMPAIR_S = 1e-3  # CPU seconds for noise and interference of a frame
 
 
 @lru_cache(maxsize=8)
-def _seconds_per_return(key: str) -> float:
-    config = _CONFIGS[key]
+def _seconds_per_return(config: LandingConfig) -> float:
     times = np.linspace(*config.window_s(), 9)
-    _returns(config, times[:1])  # terrain is read, tables are made
+    _returns(config, times[:1])  # reads the terrain, makes tables
     begin = time.thread_time()
     _returns(config, times[1:])
     return (time.thread_time() - begin) / 8

@@ -1,21 +1,20 @@
-"""What the rows of a landing study say: tables, the comparison with the paper, report.json and report.md."""
+"""Report of the landing study: tables, the comparison with the paper, report.json and report.md."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 
-from ...core.receiver.altimeter import RESULT_DTYPE, Reason
+from ...core.receiver.altimeter import RESULT_DTYPE
 from ...core.receiver.cramer_rao import altitude_crb_m
 from ...evaluation.engine.study import Run
-from ...evaluation.results.break_point import BREAK_PD, BreakPoint, break_point
+from ...evaluation.results.break_point import BREAK_PD, break_point_of
 from ...evaluation.results.folder import RunFolder
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.score import score_frames
 from ...evaluation.results.table import DASH, interval, metres, number, signed_metres, table
 from .assumptions import ASSUMPTIONS
@@ -23,7 +22,10 @@ from .config import LandingConfig
 from .figures import condition, curve_of, draw_figures
 from .points import MEASURED, accuracy
 
-__all__ = ["approach_table", "break_points", "comparison", "doppler", "sensitivity", "write_report"]
+if TYPE_CHECKING:
+    from .study import LandingStudy
+
+__all__ = ["approach_table", "break_points", "comparison", "sensitivity", "write_report"]
 
 Row = dict[str, Any]
 
@@ -33,8 +35,7 @@ BANDS = (
     ("30..150 m", 30.0, 150.0),
     ("above 150 m", 150.0, np.inf),
 )
-PAPER_RMSE_M = 400.0  # "over 400 m without mitigation", paper, at -15 dB
-PAPER_SINR_DB = -15.0
+PAPER_RMSE_M, PAPER_SINR_DB = 400.0, -15.0  # the paper: "over 400 m without mitigation" at -15 dB
 PAPER_REDUCTION = 0.85  # "reduces altitude estimation error by more than 85% compared to [...] LMS": abstract
 
 
@@ -51,23 +52,20 @@ def approach_table(rows: Sequence[Row]) -> list[Row]:
 
 
 def _band(rows: Sequence[Row]) -> Row:
-    """Rows of single frames as one: scored as any batch of results is."""
+    """Rows of single frames as one, by the score of the other tables."""
 
     def column(name: str) -> np.ndarray:
         return np.array([np.nan if r[name] is None else r[name] for r in rows], dtype=float)
 
     results = np.zeros(len(rows), RESULT_DTYPE)
-    for name in ("valid", "reason", *MEASURED):
+    for name in ("valid", *MEASURED):
         results[name] = column(name)
     height, climb = column("height_m"), column("climb_m_per_s")
     speed = (results["vertical_speed_m_per_s"] - climb)[results["valid"]]
-    reasons, counts = np.unique(results["reason"], return_counts=True)
     return {
         **score_frames(results, height).row(),
         **accuracy(results, height, climb),
         "speed_bias_error_m_per_s": speed.std() / np.sqrt(speed.size) if speed.size > 1 else None,
-        "snr_db": [column("snr_db").min(), column("snr_db").max()],
-        "reasons": {Reason.NAMES[k]: int(n) for k, n in zip(reasons, counts, strict=True)},
     }
 
 
@@ -89,18 +87,14 @@ def break_points(config: LandingConfig, rows: Sequence[Row]) -> list[Row]:
         {"overlap": overlap, "method": method, "pd_needed": level, **vars(found), "text": str(found)}
         for overlap in config.curve.overlap
         for method in config.methods
-        for found in [_falls_through(curve_of(rows, overlap, method), level)]
-        if found
+        for curve in [curve_of(rows, overlap, method)]
+        if curve
+        for found in [break_point_of(curve, "asked_sinr_db", level=level)]
     ]
 
 
-def _falls_through(mine: Sequence[Row], level: float) -> BreakPoint | None:
-    columns = ([r[c] for r in mine] for c in ("asked_sinr_db", "pd", "pd_low", "pd_high"))
-    return break_point(*columns, level=level) if mine else None
-
-
 def comparison(config: LandingConfig, rows: Sequence[Row]) -> list[Row]:
-    """The paper's statements beside our numbers, where the curve has the paper's level."""
+    """The paper's statements beside our numbers, if the curve has the paper's SINR."""
     full = max(config.curve.overlap, default=0.0)
     curves = {m: curve_of(rows, full, m) for m in config.methods}
     at = {m: next((r for r in c if r["asked_sinr_db"] == PAPER_SINR_DB), None) for m, c in curves.items()}
@@ -135,14 +129,6 @@ def comparison(config: LandingConfig, rows: Sequence[Row]) -> list[Row]:
     return [dict(zip(("statement", "paper", "ours"), line, strict=True)) for line in lines]
 
 
-def doppler(rows: Sequence[Row]) -> dict[str, Row]:
-    """What Doppler does to altitude and vertical speed, from the sensitivity table, no mitigation."""
-    kept = ("bias_m", "rmse_detected_m", "speed_bias_m_per_s", "speed_rmse_m_per_s", "detections")
-    names = {"on": "baseline", "off": "doppler_off", "on, 8 sweeps averaged": "looks_8"}
-    none = {r["assumption"]: r for r in rows if r["method"] == "none"}
-    return {k: {c: none[name][c] for c in kept} for k, name in names.items() if name in none}
-
-
 def sensitivity(rows: Sequence[Row]) -> list[Row]:
     """Rows of the sensitivity table, with the text of each assumption."""
     known = {a.name: {"group": a.group, "text": a.text} for a in ASSUMPTIONS}
@@ -163,47 +149,37 @@ def _left_out(config: LandingConfig) -> list[str]:
     return [text for missing, text in parts if missing]
 
 
-def write_report(
-    folder: RunFolder, config: LandingConfig, rows: Mapping[str, Sequence[Row]], run: Run
-) -> Path:
+def write_report(folder: RunFolder, study: LandingStudy, rows: Mapping[str, Sequence[Row]], run: Run) -> Path:
     """Write study.yaml, the figures, ``report.md`` and ``report.json``; returns the page."""
-    text = "# the study as used, with all defaults and what the command line changed\n"
+    text = "# the study as used, with all defaults and the changes of the command line\n"
     folder.write_text("study.yaml", text + yaml.safe_dump(folder.head["landing"], sort_keys=False))
-    curve = rows["curve"]
+    config, curve = study.config, rows["curve"]
     bounds = {f"{snr:g} dB": float(altitude_crb_m(config.waveform, snr)) for snr in (-30, -20, -10, 0, 20)}
-    report = folder.head | {
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    report = {
         "left_out": _left_out(config),
         "approach": approach_table(rows["approach"]),
         "ceiling": list(clean_of(curve).values()),
         "cramer_rao_point_target_m": bounds,
-        "doppler": doppler(rows["assumptions"]),
         "break_points": break_points(config, curve),
         "comparison": comparison(config, curve),
         "sensitivity": sensitivity(rows["assumptions"]),
         "trials": sorted({r["trials"] for r in curve}),
         "figures": draw_figures(config, rows, folder.path),
-        "run": run.as_dict(),
     }
-    page = write_pages(
-        folder, Path(__file__).with_name("report.md.j2"), report | _page_values(config, report)
-    )
-    folder.write_report(report)
-    return page
+    values = _page_values(config, report)
+    return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report, values)
 
 
 def _page_values(config: LandingConfig, report: Row) -> Row:
     tables = {
         "approach_table": _approach_lines(report["approach"]),
         "ceiling_table": _ceiling_lines(report["ceiling"]),
-        "doppler_table": _doppler_lines(report["doppler"]),
         "break_point_table": _break_point_lines(config, report["break_points"]),
         "comparison_table": table(("", "paper", "ours"), (r.values() for r in report["comparison"])),
         "sensitivity_table": _sensitivity_lines(report["sensitivity"]),
     }
     over = [r["text"] for r in report["sensitivity"] if r["over_400_m"] and r["method"] == "none"]
-    more = {"config": config, "over": over, "paper_rmse_m": PAPER_RMSE_M}
-    return tables | more | {"run": report["run"]}
+    return tables | {"config": config, "over": over, "paper_rmse_m": PAPER_RMSE_M}
 
 
 def _errors(row: Row, over: str) -> str:
@@ -235,18 +211,6 @@ def _ceiling_lines(entries: Sequence[Row]) -> str:
             (r["method"], r["trials"], interval(r["pd"], r["pd_low"], r["pd_high"]), number(r["in_band"]),
              _errors(r, "detected"), signed_metres(r["bias_m"]))
             for r in entries
-        ),
-    )  # fmt: skip
-
-
-def _doppler_lines(entries: Mapping[str, Row]) -> str:
-    header = ("Doppler", "altitude bias / m", "RMSE / m", "vertical speed error, mean / (m/s)", "rms / (m/s)")
-    return table(
-        (*header, "detections"),
-        (
-            (name, signed_metres(r["bias_m"]), metres(r["rmse_detected_m"]), number(r["speed_bias_m_per_s"]),
-             number(r["speed_rmse_m_per_s"]), r["detections"])
-            for name, r in entries.items()
         ),
     )  # fmt: skip
 

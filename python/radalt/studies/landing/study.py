@@ -9,21 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ...core.mitigation.tcae import default_model_path
-from ...evaluation.engine.study import Run, Study
-from ...evaluation.overlap.study import check_methods
-from ...evaluation.results.folder import RunFolder
+from ...evaluation.engine.study import Study
+from ...evaluation.overlap.study import check_methods, method_files
 from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
 from .points import TABLES, LandingPoint, point_rows, seconds, study_points
-from .report import write_report
 
 __all__ = ["LandingStudy"]
+
+_LANDING = ("trajectory", "terrain", "antenna")  # first words of the names in `files` that are not a method's
 
 
 @dataclass(frozen=True)
 class LandingStudy(Study):
-    """A flight over terrain, and how it is measured."""
+    """Altitudes of all methods over an approach, against SINR, and under other assumptions."""
 
     config: LandingConfig
 
@@ -44,7 +43,7 @@ class LandingStudy(Study):
         check_config(self.config)
 
     def head(self) -> dict[str, Any]:
-        """The file of the study, and the hashes of the files of its landing."""
+        """The study's settings, and hashes of the files of its landing."""
         paths = [path for name, path in self.files().items() if name.split()[0] in _LANDING]
         return {
             "name": self.config.name,
@@ -62,10 +61,6 @@ class LandingStudy(Study):
         """See `points.point_rows`."""
         return point_rows(self.config, point)
 
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        return write_report(folder, self.config, rows, run)
-
     def seconds(self, point: LandingPoint) -> float:
         """See `points.seconds`."""
         return seconds(self.config, point)
@@ -77,12 +72,7 @@ class LandingStudy(Study):
         out |= {f"terrain {k}": spec.path(name) for k, name in enumerate(config.terrain.files)}
         if config.antenna.pattern:
             out["antenna"] = spec.path(config.antenna.pattern)
-        for method in config.methods:
-            options = config.method_options.get(method, {})
-            out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
-            if method == "tcae" and not options.get("model"):
-                out["tcae model"] = default_model_path(config.waveform)
-        return out
+        return out | method_files(config)
 
     def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
         """See `Study`."""
@@ -101,6 +91,3 @@ class LandingStudy(Study):
             method_options=options,
         )
         return LandingStudy(changed)
-
-
-_LANDING = ("trajectory", "terrain", "antenna")

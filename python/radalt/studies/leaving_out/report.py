@@ -1,8 +1,8 @@
-"""The report of what leaving out saves: medians of the runs, and what each plan leaves out."""
+"""Report of what leaving out saves: medians of the runs, and the parts that each plan leaves out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from ...evaluation.engine.study import Run
 from ...evaluation.flowgraph.plan import make_plan
 from ...evaluation.results.folder import RunFolder
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.table import number, table
 from .scenes import scene_of
 
@@ -22,9 +22,9 @@ __all__ = ["summarise", "write_report"]
 
 
 def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any]]:
-    """One entry per scene: medians pruned and with all built, their ratios, and whether all results are one.
+    """An entry per scene: medians pruned and with all built, their ratios, and whether the results are identical.
 
-    ``frames`` : at each altitude, as measured.
+    ``frames`` : frames at each altitude, as measured.
     """
     out = []
     for name in dict.fromkeys(r["scene"] for r in rows):
@@ -57,15 +57,16 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
     return out
 
 
-def write_report(folder: RunFolder, study: LeavingOutStudy, rows: Sequence[dict[str, Any]], run: Run) -> Path:
+def write_report(
+    folder: RunFolder, study: LeavingOutStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
+) -> Path:
     """Write ``report.md`` and ``report.json``; returns the page."""
-    report = folder.head | {"run": run.as_dict(), "summary": summarise(rows, study.frames)}
-    first, *others = (s["left_out"] for s in report["summary"])
+    summary = summarise(rows["rows"], study.frames)
+    first, *others = (s["left_out"] for s in summary)
     everywhere = [item for item in first if all(item in other for other in others)]
-    values = report | {"main_table": _main_table(report["summary"]), "everywhere": everywhere}
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
-    folder.write_report(report | {"rows": list(rows)})
-    return page
+    values = {"main_table": _main_table(summary), "everywhere": everywhere}
+    report = {"summary": summary, "rows": rows["rows"]}
+    return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report, values)
 
 
 def _main_table(summary: Sequence[dict[str, Any]]) -> str:

@@ -1,4 +1,4 @@
-"""Scenes whose cost and results are compared, with everything built and without."""
+"""Scenes of the study of leaving out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "QPSK, whitening": {"methods": ["none", "whitening"], "interference": _QPSK},
     "QPSK, whitening and TCAE": {"methods": ["none", "whitening", "tcae"], "interference": _QPSK},
 }
-# other ways through the channel, for the proof that leaving out changes no bit; not in the table
+# further paths through the channel, on which tests show that leaving out changes no bit; not in the table
 CHECKED: dict[str, dict[str, Any]] = {
     "LMS with the reference as input, and NLMS": {
         "methods": ["lms_reference_input", "nlms"],
@@ -37,7 +37,7 @@ CHECKED: dict[str, dict[str, Any]] = {
 
 
 def scene_of(name: str, frames: int) -> Scene:
-    """A scene of the table or the proof, with so many frames at each altitude; a landing states its own."""
+    """A scene by its name, with ``frames`` at each altitude; a landing has its own number of frames."""
     data = dict((SCENES | CHECKED)[name])
     programme = {} if "landing" in data else {"programme_m": _ALTITUDES, "frames": frames}
     altitude = programme | data.pop("altitude", {})

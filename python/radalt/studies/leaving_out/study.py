@@ -1,11 +1,8 @@
-"""What leaving out saves: scenes pruned by the planner against the same scenes with everything built, in one run."""
+"""What leaving out saves: scenes as the planner prunes them, against the same scenes with everything built."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,36 +15,34 @@ import numpy as np
 
 from ...core.mitigation import METHODS
 from ...core.paths import share_dir
-from ...core.scene import Scene
-from ...evaluation.engine.study import Point, Run, Study
+from ...evaluation.engine.apart import call_apart
+from ...evaluation.engine.study import Point, Study
 from ...evaluation.engine.task import peak_memory_bytes
-from ...evaluation.flowgraph import FlowgraphError
 from ...evaluation.flowgraph.generate import Prepared, generate, prepare
 from ...evaluation.flowgraph.rewrite import load_grc, prune, simulate
 from ...evaluation.flowgraph.run import run_point
 from ...evaluation.results.chain import seconds_per_frame
-from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.rows import Columns
 from .scenes import SCENES, scene_of
 
 __all__ = ["LeavingOutStudy", "run_apart", "run_once"]
 
 
-def prepare_unpruned(scene: Scene, build_dir: Path) -> Prepared:
-    """The flowgraph of a scene with every chain that the companion's file has, the jammer's included."""
+def prepare_unpruned(build_dir: Path) -> Prepared:
+    """Flowgraph with every chain of the `.grc` file, the jammer's included."""
     data = simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), "ota_sim_full")
     return Prepared(generate(prune(data, tuple(METHODS), True), build_dir), tuple(METHODS))
 
 
 def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
-    """CPU seconds, peak memory and a digest of the scene's own results, in this process.
+    """CPU seconds, peak memory and a digest of the results of the scene's methods, in this process.
 
-    ``built``: ``pruned`` or ``all``.
+    ``built`` : ``pruned`` or ``all``.
     """
     scene = scene_of(name, frames)
     with tempfile.TemporaryDirectory() as folder:
         if built == "all":
-            prepared = prepare_unpruned(scene, Path(folder))
+            prepared = prepare_unpruned(Path(folder))
         else:
             prepared = prepare(scene, scene.methods, folder)
         begin, wall = time.process_time(), time.monotonic()
@@ -68,53 +63,33 @@ def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
 
 
 def run_apart(name: str, frames: int, built: str) -> dict[str, Any]:
-    """`run_once` in a process of its own, whose memory and imports are the run's alone."""
-    code = (
-        f"import json; from {__name__} import run_once; "
-        f"print('RESULT', json.dumps(run_once({name!r}, {frames}, {built!r})))"
-    )
-    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=300)
-    for line in done.stdout.splitlines():
-        if line.startswith("RESULT "):
-            return json.loads(line.removeprefix("RESULT "))
-    last = done.stderr.strip().splitlines()[-1:] or ["no output"]
-    raise FlowgraphError(f"{name}: {last[0]}")
+    """`run_once` in a process of its own, so that memory and imports are this run's alone."""
+    return call_apart(__name__, "run_once", name, frames, built)
 
 
+_TIMING = ("cpu_s", "wall_s", "memory_bytes")
 _COLUMNS = Columns(
-    names=(
-        "scene",
-        "built",
-        "turn",
-        "frames",
-        "cpu_s",
-        "wall_s",
-        "memory_bytes",
-        "digest",
-        "declared",
-        "modules",
-    ),
+    ("scene", "built", "turn", "frames", *_TIMING, "digest", "declared", "modules"),
     text=frozenset({"scene", "built", "digest", "modules"}),
     whole=frozenset({"turn", "frames", "memory_bytes", "declared"}),
-    timing=frozenset({"cpu_s", "wall_s", "memory_bytes"}),
+    timing=frozenset(_TIMING),
 )
-_START_S = 3.0  # imports, and GNU Radio's compiler
-_ALL_S_PER_FRAME = 0.02
+# CPU seconds: imports and GNU Radio's compiler at each start; per frame with everything built
+_START_S, _ALL_S_PER_FRAME = 3.0, 0.02
 
 
 @dataclass(frozen=True)
 class LeavingOutStudy(Study):
-    """Scenes run as planned and with everything built, by turns.
+    """Scenes as planned and with everything built, by turns.
 
     Attributes
     ----------
     frames : int
-        At each altitude.
+        Frames at each altitude.
     repeats : int
         Runs of each.
     scenes : tuple of str
-        Of `SCENES` and `CHECKED`.
+        Names in `SCENES` and `CHECKED`.
     """
 
     frames: int = 100
@@ -145,12 +120,6 @@ class LeavingOutStudy(Study):
             for built in ("pruned", "all")
         ]
 
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        from .report import write_report
-
-        return write_report(folder, self, rows["rows"], run)
-
     def seconds(self, point: Point) -> float:
         """See `Study`."""
         scene = scene_of(point.name, self.frames)
@@ -160,5 +129,5 @@ class LeavingOutStudy(Study):
 
     @property
     def needs_network(self) -> bool:
-        """Always: among everything that can be built is the network."""
+        """Always: everything built includes the network."""
         return True

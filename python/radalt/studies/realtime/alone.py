@@ -1,4 +1,4 @@
-"""What each stage of the live path costs as a function in a loop, without GNU Radio around it."""
+"""Cost of each stage of the live path as a function in a loop, without GNU Radio."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ from ...evaluation.flowgraph.run import make_top
 __all__ = ["alone_seconds"]
 
 _AT_ONCE = 64  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
-GRAPH = "network's graph"
 
 
 def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int = 320) -> dict[str, float]:
     """CPU seconds per frame of each block's function, by the block's name, and of the network's bare graph.
 
-    The functions are those of a flowgraph's own blocks, called one after the other on the same frames: sources,
-    channel and altimeters with 64 frames, the network with ``batch``. Where a tracker stands in an altimeter's
-    place, what it does beyond that is ``tracker_METHOD``, and the spectra of its second input are ``received_METHOD``.
+    The functions of a flowgraph's own blocks are called one after the other on the same frames: sources, channel and
+    altimeters with 64 frames, the network with ``batch``. With a tracker instead of an altimeter, ``tracker_METHOD`` is
+    what it does beyond an altimeter, and ``received_METHOD`` the spectra of its second input.
 
     Parameters
     ----------
@@ -35,9 +34,9 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
         Of `prepare_benchmark`, without a process of its own for the network.
     scene : Scene
     batch : int
-        Frames a run of the network takes.
+        Frames per call of the network.
     frames : int
-        How many are made; the first 64 are not counted.
+        Frames made; the first 64 are not timed.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     n = scene.waveform.samples_per_frame
@@ -55,7 +54,7 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
     channel, jammer = top.simulated_channel.channel, getattr(top, "jammer_source", None)
     jammed = np.zeros_like(sent)
     for first in range(0, frames, _AT_ONCE):
-        if first == _AT_ONCE:  # the first frames take what is made once: tables, pages, plans
+        if first == _AT_ONCE:  # the first frames include what is made once: tables, memory pages, FFT plans
             spent.clear()
             counted.clear()
         for k in range(_AT_ONCE):
@@ -87,7 +86,7 @@ def _cleaned(timed: Callable, top: Any, method: str, received: np.ndarray, batch
     if block is None:  # none
         return received
     if isinstance(block.method, OwnProcess):
-        raise ValueError(f"{method} has a process of its own, whose time this thread does not see")
+        raise ValueError(f"{method} has a process of its own, whose CPU time cannot be measured from here")
     out = np.empty_like(received)
     step = batch if method == "tcae" else type(block.method).batch
     for first in range(0, len(received), step):
@@ -114,4 +113,4 @@ def _run_graph(timed: Callable, samples: int, batch: int, frames: int) -> None:
     network.planes(batch)[:] = noise
     network.run(batch)
     for _ in range(0, frames, batch):
-        timed(GRAPH, batch, lambda: network.run(batch))
+        timed("network's graph", batch, lambda: network.run(batch))

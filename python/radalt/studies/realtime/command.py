@@ -8,9 +8,9 @@
 
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
 drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count. Cost is
-in FFTs: CPU time per frame over that of one complex64 transform of a frame, timed in the same run. Beside each block's
-cost stands how often it was called per frame; at the end, what its function costs alone in a loop, and what the
-arithmetic inside it costs (its kernels: transforms, random bits, elementary functions, products).
+in FFTs: CPU time per frame over that of one complex64 FFT of a frame, timed in the same run. Beside the cost of each
+block stand that of its function alone in a loop, and its calls per frame; further lines have the arithmetic inside the
+functions (kernels: FFTs, random bits, elementary functions, products).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def _parser() -> Parser:
     )
     add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
-    add("--tracked", action="store_true", help="an altitude tracker in the place of every altimeter")
+    add("--tracked", action="store_true", help="an altitude tracker instead of every altimeter")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--free-only", action="store_true", help="leave out the run held to real time")
     which.add_argument(
@@ -59,7 +59,7 @@ def _parser() -> Parser:
 
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure and print; returns 0 where real time is kept (alone: without a drop), 1 where not, 2 after one line."""
+    """Measure and print; returns 0 if real time is kept (--held-only: without a drop), else 1, or 2 after one line."""
     parser = _parser()
     args = parser.parse_args(argv)
     if args.held_only and args.out:
@@ -69,14 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from .alone import alone_seconds
     from .gateway import gateway_seconds
     from .kernels import kernel_seconds
-    from .report import Benchmark
-    from .study import (
-        at_rate,
-        fft_seconds,
-        fly_benchmark,
-        long_scene,
-        prepare_benchmark,
-    )
+    from .report import Benchmark, tables_of
+    from .study import at_rate, fft_seconds, fly_benchmark, long_scene, prepare_benchmark
 
     begin = time.monotonic()
     methods = names_of(parser, "--methods", args.methods, METHODS)
@@ -98,30 +92,32 @@ def main(argv: Sequence[str] | None = None) -> int:
             unit_s = [fft_seconds(samples)]
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
             unit_s.append(fft_seconds(samples))
-            print(f"one FFT of {samples} points, us: " + ", ".join(f"{1e6 * u:.1f}" for u in unit_s))
             title = HELD if realtime else FREE
             found[title] = Benchmark(result, sum(unit_s) / 2)
-            _print(title, found[title].numbers(scene.waveform.sweep_s))
-        if args.held_only:
-            return 0 if found[HELD].measured.dropped_frames == 0 else 1
-        # last, since it loads the network into this process, whose memory is measured before
-        apart = options | {"own_process": False, "track": args.tracked}
-        in_turn = prepare_benchmark(scene, methods, Path(build) / "alone", realtime=False, **apart)
-        unit_s = fft_seconds(samples)
-        alone_s = alone_seconds(in_turn, scene, batch=args.batch)
-        alone_s["(six blocks that copy)"] = gateway_seconds(samples)
-        alone_s |= {f"(kernels of {name})": s for name, s in kernel_seconds(scene).items()}
-        # in units of their own hour, and reported in those of the run
-        share = found[FREE].fft_s / (0.5 * (unit_s + fft_seconds(samples)))
-        found[FREE] = replace(found[FREE], alone_s={name: share * s for name, s in alone_s.items()})
-        _print_alone(found[FREE].numbers(scene.waveform.sweep_s))
+            print(f"{title}: {result.signal_s:.1f} s of signal in {result.wall_s:.1f} s", flush=True)
+        if not args.held_only:
+            # last, since it loads the network into this process, whose memory is measured before
+            apart = options | {"own_process": False, "track": args.tracked}
+            in_turn = prepare_benchmark(scene, methods, Path(build) / "alone", realtime=False, **apart)
+            unit_s = fft_seconds(samples)
+            alone_s = alone_seconds(in_turn, scene, batch=args.batch)
+            alone_s["(six blocks that copy)"] = gateway_seconds(samples)
+            alone_s |= {f"(kernels of {name})": s for name, s in kernel_seconds(scene).items()}
+            # the FFT's time changes with the machine's load: timed again, and scaled to that of the run
+            share = found[FREE].fft_s / (0.5 * (unit_s + fft_seconds(samples)))
+            found[FREE] = replace(found[FREE], alone_s={name: share * s for name, s in alone_s.items()})
+    sweep_s = scene.waveform.sweep_s
+    shown = tables_of({title: benchmark.numbers(sweep_s) for title, benchmark in found.items()})
+    print("", *filter(None, shown.values()), sep="\n\n")
+    if args.held_only:
+        return 0 if found[HELD].measured.dropped_frames == 0 else 1
     if folder is not None:
-        print(_report(folder, found, scene.waveform.sweep_s, time.monotonic() - begin))
+        print(_report(folder, found, sweep_s, time.monotonic() - begin))
     return 0 if found[FREE].measured.real_time_factor >= 1.0 else 1
 
 
 def _folder(out, scene, methods, options, typed):  # noqa: ANN001, ANN202 - imported late
-    """The result folder, made before anything is measured: what does not fit there is refused at once."""
+    """The result folder, made before the runs, so that an unsuitable one is refused at once."""
     from ...core.scene import scene_to_mapping
     from ...evaluation.results.folder import RunFolder, versions
 
@@ -139,45 +135,3 @@ def _report(folder, found, sweep_s: float, wall_s: float) -> Path:  # noqa: ANN0
     page = write_report(folder, found, sweep_s, run)
     folder.close()
     return page
-
-
-def _print(title: str, numbers: dict) -> None:
-    print(f"{title}: {numbers['signal_s']:.1f} s of signal in {numbers['wall_s']:.1f} s", flush=True)
-    print(f"  CPU               {numbers['ffts_per_frame']:.1f} FFTs per frame, of which")
-    print(f"    {'':24} {'FFTs':>7} {'calls per frame':>16}")
-    cost, calls = numbers["ffts_per_frame_by_block"], numbers["calls_per_frame_by_block"]
-    for name in sorted(cost, key=lambda name: -cost[name]):
-        print(f"    {name:24} {cost[name]:7.2f} " + (f"{calls[name]:16.2f}" if name in calls else ""))
-    if title == FREE:
-        print(f"  real-time factor  {numbers['real_time_factor']:.2f}")
-    for method, latency in numbers["latency_ms"].items():
-        print(f"  latency {method:12} median {latency['median']:.1f} ms, p99 {latency['p99']:.1f} ms")
-    print(
-        f"  results           {numbers['frames']}, {100 * numbers['measured_share']:.1f} % of the frames sent"
-    )
-    print(f"  dropped frames    {numbers['dropped_frames']}, lost samples {numbers['lost_samples']}")
-    if numbers["skipped_frames"]:
-        print(f"  network spared    {numbers['skipped_frames']} frames")
-    mega = 1 / 1024**2
-    print(
-        f"  memory            {mega * numbers['memory_bytes']:.0f} MiB, "
-        f"grown by {mega * numbers['memory_growth_bytes']:.1f} MiB"
-    )
-
-    outside = numbers["outside"]
-    gaps = ", ".join(
-        f"{longest:.0f} ms at most, {1e-3 * total:.2f} s in all over 20 ms"
-        for longest, total in zip(outside["longest_ms"], outside["total_ms"], strict=True)
-    )
-    print(f"  cores held up     {gaps}; stolen {outside['steal_s']:.2f} s")
-    if title == HELD:
-        print(
-            f"  samples waited    {numbers['source_held_up_s']:.2f} s in all, "
-            f"{1e3 * numbers['source_longest_hold_up_s']:.0f} ms at most"
-        )
-
-
-def _print_alone(numbers: dict) -> None:
-    print("functions alone, in a loop without GNU Radio: FFTs per frame")
-    for name, cost in numbers["ffts_alone_by_block"].items():
-        print(f"    {name:24} {cost:7.2f}")

@@ -1,4 +1,4 @@
-"""What GNU Radio and its Python gateway cost when the blocks do nothing but copy."""
+"""Cost of GNU Radio and its Python gateway with blocks that only copy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["gateway_seconds"]
 
 
 class _Copy(gr.sync_block):
-    """Frames in, the same frames out."""
+    """Copies frames."""
 
     def __init__(self, samples: int) -> None:
         gr.sync_block.__init__(self, "copy", [(np.complex64, samples)], [(np.complex64, samples)])
@@ -27,7 +27,7 @@ class _Copy(gr.sync_block):
 
 
 class _Source(gr.sync_block):
-    """So many frames of whatever the ring holds."""
+    """A given number of frames with the ring's content."""
 
     def __init__(self, samples: int, frames: int) -> None:
         gr.sync_block.__init__(self, "source", None, [(np.complex64, samples)])
@@ -47,9 +47,9 @@ def gateway_seconds(samples: int, *, count: int = 6, frames: int = 2000) -> floa
     Parameters
     ----------
     samples : int
-        Of a frame; rings are those of this module's own blocks.
+        Samples of a frame; the rings are as long as those of the flowgraph's blocks.
     count, frames : int
-        Blocks in the chain, frames through it.
+        Blocks of the chain, frames through it.
     """
     top = gr.top_block()
     chain = [_Source(samples, frames), *(_Copy(samples) for _ in range(count)), blocks.null_sink(8 * samples)]

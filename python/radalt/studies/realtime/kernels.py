@@ -1,9 +1,6 @@
-"""What the arithmetic inside each stage's function costs: what no rewriting of its NumPy calls can leave out."""
+"""Cost of the arithmetic inside each stage: a lower bound for any way of calling NumPy."""
 
 from __future__ import annotations
-
-import time
-from collections.abc import Callable
 
 import numpy as np
 from scipy import fft, ndimage
@@ -12,15 +9,16 @@ from scipy.linalg import blas
 from ...core.channel.delay_line import DelayLine
 from ...core.receiver.altimeter import shared_altimeter
 from ...core.scene import Scene
+from .study import median_seconds
 
 __all__ = ["kernel_seconds"]
 
-_AT_ONCE = 8  # frames
-_SYMBOLS = 0.267  # per sample, of the paper's QPSK
+_AT_ONCE = 8  # frames per call of methods and altimeters, the largest batch of the flowgraph
+_SYMBOLS = 0.267  # QPSK symbols per sample: the paper's bandwidth over the sample rate
 
 
 def kernel_seconds(scene: Scene, repeats: int = 60) -> dict[str, float]:
-    """CPU seconds per frame by block, medians, on arrays that are made once and stay in the caches.
+    """Median CPU seconds per frame by block, on arrays that are allocated once and stay in the caches.
 
     - ``chirp_source``: a copy.
     - ``jammer_source``: QPSK symbols drawn and held.
@@ -34,7 +32,7 @@ def kernel_seconds(scene: Scene, repeats: int = 60) -> dict[str, float]:
     ----------
     scene : Scene
     repeats : int
-        Of each kernel.
+        Calls of each kernel.
     """
     n = scene.waveform.samples_per_frame
     rng = np.random.default_rng(1)
@@ -87,13 +85,4 @@ def kernel_seconds(scene: Scene, repeats: int = 60) -> dict[str, float]:
         "mitigation_whitening": (whitened, _AT_ONCE),
         "altimeter": (measured, _AT_ONCE),
     }
-    return {name: _median_s(kernel, repeats) / count for name, (kernel, count) in kernels.items()}
-
-
-def _median_s(kernel: Callable[[], None], repeats: int) -> float:
-    times = np.empty(repeats)
-    for k in range(repeats):
-        begin = time.thread_time_ns()
-        kernel()
-        times[k] = time.thread_time_ns() - begin
-    return 1e-9 * float(np.median(times))
+    return {name: median_seconds(kernel, repeats) / count for name, (kernel, count) in kernels.items()}

@@ -1,4 +1,4 @@
-"""For how long something outside of the live path kept the processor's cores from it."""
+"""How long other programs held up the cores during a run of the live path."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from ...core.cores import allowed_cores
 
 __all__ = ["Outside", "OutsideWatch"]
 
+# lateness of a wake-up above which it is added up, ms: about the path's latency (docs/real-time.md)
 _LONG_MS = 20.0
-# a process per core, of the standard library alone: it shares neither the interpreter nor its lock
+# a process per core that sleeps 5 ms at a time, with the standard library alone: it shares neither interpreter nor lock
 _WATCHER = """
 import os, sys, threading, time
 if hasattr(os, "sched_setaffinity"):
@@ -32,16 +33,16 @@ print(longest, total)
 
 @dataclass(frozen=True)
 class Outside:
-    """What was seen during one run.
+    """Findings of one run.
 
     Attributes
     ----------
     steal_s : float
-        Core seconds that the machine beneath a virtual one took, as the kernel counts them; NaN where it does not say.
+        Core seconds that the host of a virtual machine took, as the kernel counts them; NaN where it does not.
     longest_ms : tuple of float
-        By core: the longest time for which a process that only sleeps was woken late.
+        By core: the latest wake-up of a process that only sleeps.
     total_ms : tuple of float
-        By core: the sum of such times above 20 ms.
+        By core: the sum of lateness above 20 ms.
     """
 
     steal_s: float

@@ -1,8 +1,8 @@
-"""The report of a real-time benchmark: rates, cost by block, latency."""
+"""Report of the real-time benchmark: rates, cost by block, latency."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,11 @@ import numpy as np
 
 from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.table import number, table
 from .study import Measurement
 
-__all__ = ["Benchmark", "write_report"]
+__all__ = ["Benchmark", "tables_of", "write_report"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Benchmark:
     ----------
     measured : Measurement
     fft_s : float
-        CPU seconds of one transform of a frame, measured before and after the run.
+        CPU seconds of one FFT of a frame, measured before and after the run.
     alone_s : dict of name -> float
         CPU seconds per frame of each block's function in a loop (`alone_seconds`); may be empty.
     """
@@ -36,7 +36,7 @@ class Benchmark:
     alone_s: Mapping[str, float] = field(default_factory=dict)
 
     def numbers(self, sweep_s: float) -> dict[str, Any]:
-        """For ``report.json``; costs in transforms per frame as well."""
+        """For ``report.json``, with costs in FFTs per frame as well."""
         m = self.measured
         frames = m.signal_s / sweep_s
         ffts = 1 / (frames * self.fft_s)
@@ -58,60 +58,53 @@ class Benchmark:
         }
 
 
-def write_report(folder: RunFolder, found: Mapping[str, Benchmark], sweep_s: float, run: Run) -> Path:
-    """Write ``report.md``, ``report.html`` and ``report.json``; returns the page.
+def tables_of(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """Tables of the page and the terminal from the `Benchmark.numbers` of each run, by title of the run."""
+    return {"rate_table": _rates(runs), "block_table": _blocks(runs), "latency_table": _latency(runs)}
 
-    ``found`` : by how the flowgraph ran, in words.
-    """
-    runs = {name: one.numbers(sweep_s) for name, one in found.items()}
-    report = folder.head | {"run": run.as_dict(), "runs": runs}
-    tables = {
-        "rate_table": _rates(runs),
-        "block_table": _blocks(runs),
-        "latency_table": _latency(runs),
-    }
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
-    folder.write_report(report)
-    return page
+
+def write_report(folder: RunFolder, found: Mapping[str, Benchmark], sweep_s: float, run: Run) -> Path:
+    """Write ``report.md``, ``report.html`` and ``report.json`` of the runs by title; returns the page."""
+    runs = {title: benchmark.numbers(sweep_s) for title, benchmark in found.items()}
+    template = Path(__file__).with_name("report.md.j2")
+    return write_result(folder, template, run.as_dict(), {"runs": runs}, tables_of(runs))
+
+
+_SHOWN: dict[str, Callable[[Mapping[str, Any]], Any]] = {
+    "signal / s": lambda r: number(r["signal_s"], 1),
+    "wall time / s": lambda r: number(r["wall_s"], 1),
+    "real-time factor": lambda r: number(r["real_time_factor"]),
+    "FFTs per frame": lambda r: number(r["ffts_per_frame"], 1),
+    "one FFT / µs": lambda r: number(1e6 * r["fft_s"], 1),
+    "measured / %": lambda r: number(100 * r["measured_share"], 1),
+    "dropped frames": lambda r: r["dropped_frames"],
+    "lost samples": lambda r: r["lost_samples"],
+    "frames that skipped the network": lambda r: r["skipped_frames"],
+    "memory / MiB": lambda r: number(r["memory_bytes"] / 2**20, 0),
+    "its growth / MiB": lambda r: number(r["memory_growth_bytes"] / 2**20, 1),
+    "latest wake-up / ms": lambda r: number(max(r["outside"]["longest_ms"]), 0),
+    "wake-ups over 20 ms late, sum / s": lambda r: number(1e-3 * max(r["outside"]["total_ms"])),
+    "stolen core time / s": lambda r: number(r["outside"]["steal_s"]),
+    "samples waited / s": lambda r: number(r["source_held_up_s"]),
+    "longest wait / ms": lambda r: number(1e3 * r["source_longest_hold_up_s"], 0),
+}
 
 
 def _rates(runs: Mapping[str, Mapping[str, Any]]) -> str:
-    lines = [
-        [
-            name,
-            number(r["signal_s"], 1),
-            number(r["real_time_factor"]),
-            number(r["ffts_per_frame"], 1),
-            number(1e6 * r["fft_s"], 1),
-            number(100 * r["measured_share"], 1),
-            r["dropped_frames"],
-            r["lost_samples"],
-            number(r["memory_bytes"] / 2**20, 0),
-            number(r["memory_growth_bytes"] / 2**20, 1),
-            number(max(r["outside"]["longest_ms"]), 0),
-            number(r["source_held_up_s"]),
-        ]
-        for name, r in runs.items()
-    ]
-    header = ["run", "signal / s", "real-time factor", "FFTs per frame", "one FFT / µs", "measured / %"]
-    header += ["dropped frames", "lost samples", "memory / MiB", "growth / MiB", "latest wake-up / ms"]
-    return table([*header, "samples waited / s"], lines)
+    return table(["", *runs], [[name, *map(shown, runs.values())] for name, shown in _SHOWN.items()])
 
 
 def _blocks(runs: Mapping[str, Mapping[str, Any]]) -> str:
-    cost = {name: r["ffts_per_frame_by_block"] for name, r in runs.items()}
-    first, r = next(iter(cost.values())), next(iter(runs.values()))
-    columns = cost | {
-        "function alone": r["ffts_alone_by_block"],
-        "calls per frame": r["calls_per_frame_by_block"],
-    }
-    blocks = dict.fromkeys(
-        [
-            *sorted((b for of in cost.values() for b in of), key=lambda b: -first.get(b, 0.0)),
-            *r["ffts_alone_by_block"],
-        ]
+    first = next(iter(runs.values()))
+    columns = {title: r["ffts_per_frame_by_block"] for title, r in runs.items()}
+    if first["ffts_alone_by_block"]:
+        columns["function alone"] = first["ffts_alone_by_block"]
+    columns["calls per frame"] = first["calls_per_frame_by_block"]
+    cost = first["ffts_per_frame_by_block"]
+    blocks = sorted(
+        dict.fromkeys(b for values in columns.values() for b in values), key=lambda b: -cost.get(b, 0.0)
     )
-    return table(["block", *columns], [[b, *(number(of.get(b)) for of in columns.values())] for b in blocks])
+    return table(["block", *columns], [[b, *(number(v.get(b)) for v in columns.values())] for b in blocks])
 
 
 def _latency(runs: Mapping[str, Mapping[str, Any]]) -> str:

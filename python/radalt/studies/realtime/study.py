@@ -1,4 +1,4 @@
-"""How fast the live path is: real-time factor, CPU by block, latency from frame end to altitude, drops, memory."""
+"""Speed of the live path: real-time factor, CPU by block, latency from frame end to altitude, drops, memory."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import gc
 import os
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,19 @@ from ...evaluation.flowgraph.run import make_top
 from ...evaluation.flowgraph.watch import blocks_of, run_to_end
 from .outside import Outside, OutsideWatch
 
-__all__ = ["Measurement", "at_rate", "fft_seconds", "fly_benchmark", "long_scene", "prepare_benchmark"]
+__all__ = [
+    "Measurement",
+    "at_rate",
+    "fft_seconds",
+    "fly_benchmark",
+    "long_scene",
+    "median_seconds",
+    "prepare_benchmark",
+]
 
-_POLL_S = 0.1
-_ARRIVALS = 200_000
-_WARM_UP = 0.1  # of the run, before memory counts as settled
+_POLL_S = 0.1  # between two readings of thread times and memory, s
+_ARRIVALS = 200_000  # newest arrivals at the segmenter that are kept for the latency: 200 s of frames
+_WARM_UP = 0.1  # share of the run after which growth of memory counts
 
 
 @dataclass(frozen=True)
@@ -48,20 +56,20 @@ class Measurement:
     frames : dict of method -> int
         Altitude results.
     latency_ms : dict of method -> (frames,) float array
-        From the arrival of a frame's last sample at the segmenter to its altitude; empty where nothing was held to
-        real time, since it would be the depth of the buffers.
+        From the arrival of a frame's last sample at the segmenter to its altitude; empty unless held to real time,
+        since it would measure the depth of the buffers.
     dropped_frames, lost_samples : int
         Frames dropped for a slow method, samples lost.
     skipped_frames : int
-        Frames that the network was spared.
+        Frames that skipped the network.
     memory_bytes, memory_growth_bytes : int
         Resident memory at the end, that of the network's process included, and its growth after the first tenth of the
         run.
     outside : Outside
-        What kept the cores from the run, from outside of it.
+        How long other programs held up the cores.
     source_held_up_s, source_longest_hold_up_s : float
-        For how long, in all and at once, the simulated radio's samples were not taken in time; 0 where nothing was held
-        to real time. A radio's samples wait in its ring meanwhile, which the flowgraphs make 0.5 s long.
+        For how long, in all and at most, the simulated radio's samples had to wait; 0 unless held to real time. A
+        radio's samples would wait in its ring, 0.5 s long in the flowgraphs.
     """
 
     signal_s: float
@@ -82,22 +90,27 @@ class Measurement:
 
     @property
     def real_time_factor(self) -> float:
-        """Seconds of signal a second."""
+        """Seconds of signal per second."""
         return self.signal_s / self.wall_s
 
 
-def fft_seconds(points: int, repeats: int = 2000) -> float:
-    """CPU time of one complex64 transform of so many points here and now, median: a unit for every machine.
-
-    Milliseconds say nothing of another machine; in transforms the cost of a frame is about alike on all.
-    """
-    frame = np.ones(points, dtype=np.complex64)
+def median_seconds(work: Callable[[], Any], repeats: int) -> float:
+    """Median CPU time of a call in this thread."""
     times = np.empty(repeats)
     for k in range(repeats):
         begin = time.thread_time_ns()
-        fft.fft(frame)
+        work()
         times[k] = time.thread_time_ns() - begin
     return 1e-9 * float(np.median(times))
+
+
+def fft_seconds(points: int, repeats: int = 2000) -> float:
+    """Median CPU time of one complex64 FFT on this machine now: a unit for costs.
+
+    In FFTs the cost of a frame is about the same on all machines, in milliseconds it is not.
+    """
+    frame = np.ones(points, dtype=np.complex64)
+    return median_seconds(lambda: fft.fft(frame), repeats)
 
 
 def prepare_benchmark(
@@ -175,7 +188,7 @@ def fly_benchmark(
     FlowgraphError
         If the run does not end in time.
     """
-    gc.collect()  # a flowgraph that ran before, with its rings: the memory of this one is measured
+    gc.collect()  # frees the rings of an earlier flowgraph, which would count as memory of this one
     top = make_top(prepared, scene, drop_when_slow=int(realtime))
     segmenter = top.frame_segmenter
     segmenter.arrivals = deque(maxlen=_ARRIVALS) if realtime else None
@@ -229,7 +242,7 @@ def _latency_ms(times: np.ndarray, arrivals: Any, scene: Scene) -> np.ndarray:
 
 
 class _Watch:
-    """CPU time of blocks' threads and resident memory, looked at while they live."""
+    """CPU time of the blocks' threads and resident memory, read while they run."""
 
     def __init__(self, blocks: dict[str, Any], beside: OwnProcess | None) -> None:
         self._blocks = blocks
@@ -240,19 +253,15 @@ class _Watch:
         self.memory: list[tuple[int, int]] = [(0, self._resident())]
 
     def look(self, samples: int) -> bool:
-        """Read what the kernel says now; false, since it ends no run."""
+        """Read both from the kernel; returns false, since it never ends a run."""
         self.memory.append((samples, self._resident()))
         for name, block in self._blocks.items():
             thread = getattr(block, "thread_id", None)
             try:
-                fields = (
-                    Path(f"/proc/self/task/{thread}/stat")
-                    .read_text(encoding="ascii")
-                    .rpartition(")")[2]
-                    .split()
-                )
-            except OSError:  # the thread has ended: what was read last stays
+                text = Path(f"/proc/self/task/{thread}/stat").read_text(encoding="ascii")
+            except OSError:  # the thread has ended; its last reading stays
                 continue
+            fields = text.rpartition(")")[2].split()
             self.cpu_s[name] = (int(fields[11]) + int(fields[12])) * self._tick_s
         return False
 

@@ -1,4 +1,4 @@
-"""Interferers of the error-against-run-time study, and its frames."""
+"""Interferers and frames of the error-against-run-time study."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ...core.waveform import Waveform
 __all__ = ["CLEAN", "INTERFERERS", "SNR_DB", "TRANSFORM", "WAVEFORM", "frames_of"]
 
 WAVEFORM = Waveform()
-SNR_DB = 10.0
-TRANSFORM = "transform"  # what stands for a chain in rows that time one complex64 transform of a frame
-CLEAN = "clean"  # for an interferer in frames without
+SNR_DB = 10.0  # as in the other studies of single frames
+TRANSFORM = "transform"  # "chain" of the rows that time one complex64 FFT of a frame
+CLEAN = "clean"  # "interferer" of frames without interference
 # name -> (emitter, overlap)
 INTERFERERS: dict[str, tuple[Any, float]] = {
     "QPSK shaped, all": (QpskEmitter(pulse="rrc", evm=TYPICAL), 1.0),
@@ -32,12 +32,10 @@ INTERFERERS: dict[str, tuple[Any, float]] = {
 }
 
 
-def frames_of(
-    name: str | None, sir_db: float, count: int, seed: int, batch: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """(count, N) frames with one interferer (None: without) and their altitudes, 10..1450 m."""
+def frames_of(name: str | None, sir_db: float, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count, N) complex64 frames with one interferer (None: without), and their altitudes, 10 to 1450 m."""
     number = 0 if name is None else 1 + list(INTERFERERS).index(name)
-    rng = np.random.default_rng([seed, number, round(-sir_db), *([batch] if batch else [])])
+    rng = np.random.default_rng([seed, number, round(-sir_db)])
     truth = rng.uniform(10.0, 1450.0, count)
     noise = rng.standard_normal((count, WAVEFORM.samples_per_frame, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
     frames = point_return(WAVEFORM, truth) + noise * 10.0 ** (-SNR_DB / 20.0)

@@ -2,7 +2,7 @@
 
     .venv/bin/python flowgraphs/error_vs_runtime.py  # some minutes, into results/error_vs_runtime
     .venv/bin/python flowgraphs/error_vs_runtime.py --frames 20 --rounds 3  # a quick look
-    .venv/bin/python flowgraphs/error_vs_runtime.py --resume  # go on where a run was killed
+    .venv/bin/python flowgraphs/error_vs_runtime.py --resume  # completes a stopped run
     .venv/bin/python flowgraphs/error_vs_runtime.py --publish docs  # then docs/error_vs_runtime.md and its figure
 
 Without --models every network of models/ is measured, as shipped. Networks in float16 and int8 are files of their own,

@@ -1,4 +1,4 @@
-"""Figure of the error-against-run-time report: Pd against CPU time, the chains that a reader chooses from by name."""
+"""Figure of the error-against-run-time report: Pd against CPU time, with the names of the chains to choose from."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ __all__ = ["draw", "pareto"]
 
 REAL_TIME_MS = 1.0  # duration of a frame
 _FRONT, _REST = "#0072B2", "#777777"  # chains on the Pareto front, and all others
-# Offset of a name from its point in points of 1/72 inch, so that neighbours do not cover each other. Other chains are
-# dots without a name: at 400 pixels eight names are readable.
+# Offset of a name from its point, in points of 1/72 inch, so that neighbours do not cover each other. Other chains are
+# dots without a name: at 400 pixels eight names can be read.
 _NAMES = {
     "none": (0, -12),
     "whitening": (-4, 8),

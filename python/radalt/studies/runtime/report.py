@@ -12,9 +12,9 @@ from scipy.stats import kendalltau
 from ...core.receiver.cramer_rao import altitude_crb_m
 from ...core.waveform import Waveform
 from ...evaluation.engine.study import Run
-from ...evaluation.results.break_point import BreakPoint, break_point, mean_gain, protection_gain
+from ...evaluation.results.break_point import break_point_of, mean_gain, protection_gain
 from ...evaluation.results.folder import RunFolder, plain_json
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.score import pool
 from ...evaluation.results.table import metres, number, table
 from .cases import CLEAN, SNR_DB, TRANSFORM
@@ -29,33 +29,33 @@ __all__ = ["summarise", "write_report"]
 def write_report(
     folder: RunFolder, study: RuntimeStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
 ) -> Path:
-    """Write figure, ``report.md`` and ``report.json`` from the tables; returns the page."""
-    report = folder.head | {
-        "run": run.as_dict(),
-        "crb_m": float(altitude_crb_m(Waveform(), SNR_DB)),
-        **summarise(rows, study.interferers),
-    }
-    figure = folder.path / "figures" / "error_vs_runtime.png"
-    draw(report, figure)
+    """Write the figure, ``report.md`` and ``report.json``; returns the page."""
+    report = {"crb_m": float(altitude_crb_m(Waveform(), SNR_DB)), **summarise(rows, study.interferers)}
+    draw(report, folder.path / "figures" / "error_vs_runtime.png")
     tables = {
         "main_table": _main_table(report),
         "transform_table": _transform_table(report),
         "break_table": _break_table(report),
     }
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
-    folder.write_report(report | {"rows": rows["rows"]})
-    return page
+    template = Path(__file__).with_name("report.md.j2")
+    return write_result(folder, template, run.as_dict(), report | {"rows": rows["rows"]}, tables)
 
 
 def summarise(tables: Mapping[str, Sequence[dict[str, Any]]], interferers: Sequence[str]) -> dict[str, Any]:
-    """The report's content: one summary per chain, pooled and by interferer, and the Pareto fronts.
+    """Content of the report from the tables of `RuntimeStudy`: a summary per chain, and the Pareto fronts.
 
-    ``tables`` are those of `RuntimeStudy`. Gains are against the chain ``none``.
+    Protection gains are against the chain ``none``.
     """
     rows, labels = tables["rows"], list(dict.fromkeys(r["chain"] for r in tables["rows"]))
     facts = {fact["chain"]: fact for fact in tables["facts"]}
     transform_ms = float(np.median([t["ms_method"] for t in tables["times"] if t["chain"] == TRANSFORM]))
-    broken = {label: _break_points(rows, label, interferers) for label in labels}
+    broken = {
+        label: {
+            i: break_point_of([r for r in rows if (r["chain"], r["interferer"]) == (label, i)])
+            for i in interferers
+        }
+        for label in labels
+    }
     summary = []
     for label in labels:
         mine = [r for r in rows if r["chain"] == label]
@@ -87,16 +87,6 @@ def summarise(tables: Mapping[str, Sequence[dict[str, Any]]], interferers: Seque
     }
 
 
-def _break_points(
-    rows: Sequence[dict[str, Any]], label: str, interferers: Sequence[str]
-) -> dict[str, BreakPoint]:
-    def of(interferer: str) -> BreakPoint:
-        mine = [r for r in rows if r["chain"] == label and r["interferer"] == interferer]
-        return break_point(*([r[c] for r in mine] for c in ("sir_db", "pd", "pd_low", "pd_high")))
-
-    return {interferer: of(interferer) for interferer in interferers}
-
-
 def _pooled(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     total = pool(rows)
     squared = sum(r["squared_correct_m2"] for r in rows)
@@ -108,21 +98,21 @@ def _pooled(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _median_ms(rows: Sequence[dict[str, Any]], label: str, interferer: str) -> float:
-    """Of one frame at a time, method and altimeter."""
+    """Median time of method and altimeter, one frame per call."""
     mine = [t for t in rows if (t["chain"], t["interferer"], t["batch"]) == (label, interferer, 1)]
     return float(np.median([t["ms_method"] + t["ms_altimeter"] for t in mine]))
 
 
 def _times(rows: Sequence[dict[str, Any]]) -> dict[int, dict[str, float]]:
-    """By frames at once: means over the interferers of the medians, and the 99th percentile over all of them."""
-    out = {}
+    """By frames per call: means over the interferers of the medians, and the 99th percentile over all of them."""
+    out: dict[int, dict[str, float]] = {}
     jammed = [t for t in rows if t["interferer"] != CLEAN]
     for batch in dict.fromkeys(t["batch"] for t in jammed):
         by: dict[str, list[list[float]]] = {}
         for t in jammed:
             if t["batch"] == batch:
                 by.setdefault(t["interferer"], []).append([t["ms_method"], t["ms_altimeter"]])
-        taken = np.array(list(by.values()))  # (interferers, times, 2); equally many of each
+        taken = np.array(list(by.values()))  # (interferers, times, 2)
         total = taken.sum(axis=2)
         halves = np.array_split(total, 2, axis=1)
         out[batch] = {
@@ -137,7 +127,7 @@ def _times(rows: Sequence[dict[str, Any]]) -> dict[int, dict[str, float]]:
 
 
 def _fronts(summary: Sequence[dict[str, Any]], interferers: Sequence[str]) -> dict[str, list[str]]:
-    """Chains that none beats in both time and Pd: pooled, and by interferer with the time that its frames take."""
+    """Chains that no other beats in both time and Pd: pooled, and by interferer with the time of its frames."""
     pooled = {s["chain"]: (s["times"][1]["ms_median"], 1 - s["pooled"]["pd"]) for s in summary}
     fronts = {"pooled": pareto(pooled)}
     for i in interferers:
@@ -147,35 +137,22 @@ def _fronts(summary: Sequence[dict[str, Any]], interferers: Sequence[str]) -> di
     return fronts
 
 
-def _agreement(one: Sequence[float], other: Sequence[float]) -> float:
-    """Kendall's tau of two rankings of the same chains, ties allowed."""
-    return float(kendalltau(one, other).statistic)
-
-
 def _agreement_of_errors(rows: Sequence[dict[str, Any]], labels: Sequence[str]) -> float:
-    """Of the rankings that two halves of the frames give."""
+    """Kendall's tau of the chains ranked by correct altitudes in the even and in the odd frames."""
     halves = (
-        [sum(r[key] for r in rows if r["chain"] == label) for label in labels]
-        for key in ("correct_even", "correct_odd")
+        [sum(r[half] for r in rows if r["chain"] == label) for label in labels]
+        for half in ("correct_even", "correct_odd")
     )
-    return _agreement(*halves)
+    return float(kendalltau(*halves).statistic)
 
 
 def _agreement_of_times(summary: Sequence[dict[str, Any]]) -> float:
-    """Of the rankings that two halves of the rounds give."""
-    return _agreement(
-        *([s["times"][1][half] for s in summary] for half in ("ms_first_half", "ms_second_half"))
-    )
+    """Kendall's tau of the chains ranked by time in the first and in the second half of the rounds."""
+    halves = ([s["times"][1][half] for s in summary] for half in ("ms_first_half", "ms_second_half"))
+    return float(kendalltau(*halves).statistic)
 
 
-_MAIN = (
-    "chain",
-    "precision",
-    "ms per frame, mean / p99",
-    "in batches of 8",
-    "of it method",
-    "memory / MiB",
-)
+_MAIN = ("chain", "precision", "ms per frame, mean / p99", "in batches of 8", "of it method", "memory / MiB")
 _MAIN += ("model / MiB", "decimation, FFT", "Pd clean", "RMSE clean / m", "Pd pooled", "wrong")
 _MAIN += ("RMSE of correct / m", "RMSE forced / m", "mean gain / dB")
 

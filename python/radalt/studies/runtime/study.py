@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,21 +14,22 @@ from scipy import fft
 
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
-from ...evaluation.engine.study import Point, Run, Study
+from ...evaluation.engine.apart import call_apart
+from ...evaluation.engine.chain_study import ChainStudy
+from ...evaluation.engine.study import Point
 from ...evaluation.engine.task import peak_memory_bytes
-from ...evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
-from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.chain import Chain
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
 from .cases import CLEAN, INTERFERERS, TRANSFORM, WAVEFORM, frames_of
 
 __all__ = ["RuntimePoint", "RuntimeStudy", "compared_chains"]
 
-_BATCHES = (1, 8)  # frames at once whose time is taken
-_TIMED = 8  # frames of each interferer, and of none
-_TIMED_SIR_DB = -30.0
-_TRANSFORMS = 200
-_FACTS_S = 1.0  # a process with NumPy and SciPy, for the memory
+_BATCHES = (1, 8)  # frames per call that are timed: as they arrive, and as many as a network's batch
+_TIMED = 8  # timed frames per interferer, and without: one batch of the larger size
+_TIMED_SIR_DB = -30.0  # below the break-point without mitigation (-25 dB): every method has to work
+_FFTS = 200  # timed per round, one after the other: 10 ms
+_FACTS_S = 1.0  # start of a process with NumPy and SciPy, for the memory, s
 _SUMS = ("correct_even", "correct_odd", "squared_correct_m2")
 _TABLES = {
     "facts": Columns(
@@ -96,17 +92,17 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
 
 @dataclass(frozen=True)
 class RuntimePoint(Point):
-    """What its table is of: facts of a chain, errors at one interferer and SIR, or one round of times.
+    """Facts of a chain, errors under one interferer at one SIR, or a round of timing, by its ``table``.
 
     Attributes
     ----------
     chain : str
-        Label; facts only.
+        Label; only for facts.
     interferer : str or None
-        None for the scene without interference.
+        None without interference.
     sir_db : float
     round : int
-        From 1; times only.
+        From 1; only for times.
     """
 
     chain: str = ""
@@ -116,21 +112,21 @@ class RuntimePoint(Point):
 
 
 @dataclass(frozen=True)
-class RuntimeStudy(Study):
+class RuntimeStudy(ChainStudy):
     """Chains compared on the same frames.
 
     Attributes
     ----------
     chains : tuple of Chain
-        The one labelled ``none`` is what gains are against.
+        Protection gains are against the one labelled ``none``.
     sirs_db : tuple of float
     frames : int
-        Per interferer and SIR, >= 2.
+        Frames per interferer and SIR, >= 2.
     rounds : int
-        Of timing, >= 2.
+        Rounds of timing, >= 2.
     seed : int
     interferers : tuple of str
-        Of `INTERFERERS`.
+        Names in `INTERFERERS`.
     """
 
     chains: tuple[Chain, ...]
@@ -146,14 +142,6 @@ class RuntimeStudy(Study):
         "report.md": "error_vs_runtime.md",
         "figures/error_vs_runtime.png": "figures/error_vs_runtime.png",
     }
-
-    def check(self) -> None:
-        """See `Study`; raises `MitigationError` where a chain cannot be built."""
-        self.head()
-
-    def head(self) -> dict[str, Any]:
-        """See `Study`."""
-        return vars(self) | {"chains": {chain.label: chain.head(WAVEFORM) for chain in self.chains}}
 
     def points(self) -> Sequence[RuntimePoint]:
         """Facts of each chain, errors without and with interference, rounds of times."""
@@ -192,32 +180,11 @@ class RuntimeStudy(Study):
             for chain in self.chains
         ]
 
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        from .report import write_report
-
-        return write_report(folder, self, rows, run)
-
     def seconds(self, point: Point) -> float:
         """See `Study`."""
         if point.table == "facts":
             return _FACTS_S
-        return point.frames * sum(
-            seconds_per_frame(c.method, WAVEFORM, c.settings, c.options) for c in self.chains
-        )
-
-    def files(self) -> dict[str, Path]:
-        """The networks."""
-        return model_files(self.chains)
-
-    def with_files(self, files: Mapping[str, Path]) -> RuntimeStudy:
-        """See `Study`."""
-        return dataclasses.replace(self, chains=chains_with(self.chains, files))
-
-    @property
-    def needs_network(self) -> bool:
-        """See `Study`."""
-        return any(chain.model for chain in self.chains)
+        return point.frames * self.seconds_per_frame()
 
 
 def _scored(result: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
@@ -234,7 +201,7 @@ def _scored(result: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
 def _warmed_up(
     chains: tuple[Chain, ...], interferers: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], list[tuple[str, Mitigation, Altimeter]]]:
-    """Frames to be timed by interferer, and every chain built; each has been run once, so that nothing is first."""
+    """Frames for the timing by interferer, and the chains, each built and run once, so that no call is the first."""
     names = (None, *interferers)
     frames = {name or CLEAN: frames_of(name, _TIMED_SIR_DB, _TIMED, 99)[0] for name in names}
     built = [(c.label, c.build(WAVEFORM), shared_altimeter(WAVEFORM, c.settings)) for c in chains]
@@ -245,9 +212,9 @@ def _warmed_up(
 
 
 def _times(chains: tuple[Chain, ...], interferers: tuple[str, ...], number: int) -> Iterator[dict[str, Any]]:
-    """One round: CPU milliseconds per frame of the calling thread, a row per batch, all chains by turns.
+    """One round of all chains: a row per batch, with CPU milliseconds per frame of the calling thread.
 
-    The last row is that of a transform.
+    The last row is the time of one FFT.
     """
     frames, built = _warmed_up(chains, interferers)
     for label, method, altimeter in built:
@@ -258,9 +225,9 @@ def _times(chains: tuple[Chain, ...], interferers: tuple[str, ...], number: int)
                 for in_method, in_altimeter in _timed(method, altimeter, some, batch):
                     yield where | {"ms_method": in_method, "ms_altimeter": in_altimeter}
     begin = time.thread_time_ns()
-    for _ in range(_TRANSFORMS):
+    for _ in range(_FFTS):
         fft.fft(frames[CLEAN][0])
-    each = (time.thread_time_ns() - begin) * 1e-6 / _TRANSFORMS
+    each = (time.thread_time_ns() - begin) * 1e-6 / _FFTS
     where = {"chain": TRANSFORM, "interferer": CLEAN, "batch": 1, "round": number}
     yield where | {"ms_method": each, "ms_altimeter": 0.0}
 
@@ -268,7 +235,7 @@ def _times(chains: tuple[Chain, ...], interferers: tuple[str, ...], number: int)
 def _timed(
     method: Mitigation, altimeter: Altimeter, frames: np.ndarray, batch: int
 ) -> Iterator[tuple[float, float]]:
-    """Milliseconds per frame in method and in altimeter, of every batch."""
+    """CPU milliseconds per frame in the method and in the altimeter, for each batch."""
     for first in range(0, frames.shape[0] - batch + 1, batch):
         begin = time.thread_time_ns()
         cleaned = method.process(frames[first : first + batch])
@@ -279,32 +246,22 @@ def _timed(
 
 
 def _facts(chain: Chain) -> dict[str, Any]:
-    """What does not depend on the frames: precision, bytes of model and memory, decimation and FFT size."""
+    """What does not depend on frames: precision, bytes of the model and of memory, decimation, FFT size."""
     method, altimeter = chain.build(WAVEFORM), shared_altimeter(WAVEFORM, chain.settings)
     return {
         "chain": chain.label,
         "precision": getattr(method, "metadata", {}).get("radalt_precision", chain.precision),
         "model_bytes": chain.model.stat().st_size if chain.model else 0,
-        "memory_bytes": _added_memory_bytes(chain, 8),
+        "memory_bytes": call_apart(
+            __name__, "added_memory_bytes", chain.method, dict(chain.options), _BATCHES[-1]
+        ),
         "decimation": altimeter.decimation,
         "fft_size": altimeter.fft_size,
     }
 
 
-def _added_memory_bytes(chain: Chain, batch: int) -> int:
-    """Peak resident bytes that a method adds to a process that has only NumPy, SciPy and this module."""
-    options = json.dumps([chain.method, dict(chain.options), batch])
-    code = f"import json; from {__name__} import memory_in_process as growth; "
-    code += f"print('BYTES', growth(*json.loads({options!r})))"
-    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True, timeout=120
-    )
-    return next(int(line.split()[1]) for line in done.stdout.splitlines() if line.startswith("BYTES "))
-
-
-def memory_in_process(method: str, options: dict[str, Any], batch: int) -> int:
-    """Growth of the peak resident memory by building a method and running a batch."""
+def added_memory_bytes(method: str, options: dict[str, Any], batch: int) -> int:
+    """Growth of this process' peak resident memory as a method is built and processes a batch."""
     frames = np.tile(WAVEFORM.reference, (batch, 1))
     before = peak_memory_bytes()
     create(method, WAVEFORM, **options).process(frames)

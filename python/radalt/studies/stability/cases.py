@@ -1,7 +1,7 @@
-"""Stiff, extreme and broken frames with what is true of each: the cases of the stability report.
+"""Stiff, extreme and broken frames, each with its truth: the cases of the stability report.
 
-A case is a handful of frames, the altitudes that would be right, and the bound within which a declared altitude has to
-lie. It is made from its own name's seed, so that any case can be run alone.
+A case holds a few frames, the altitudes that would be right, and the largest error of a declared altitude. Its name
+seeds it, so that every case can be run alone.
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ from ...core.waveform import Waveform
 
 __all__ = ["CLEAN_ALTITUDE_M", "GROUPS", "Case", "coloured_noise", "noisy"]
 
-CLEAN_ALTITUDE_M = 500.0  # of the frame that follows every case and has to be right again
+CLEAN_ALTITUDE_M = 500.0  # altitude of the clean frame that follows every case, m
 _SCENE = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
-_FRAMES = 8
+_FRAMES, _MANY = 8, 40  # frames of a case, and of one in which false alarms are counted
+_WIDE_M = 20.0  # largest error, m, where a return is distorted but not another target: a resolution cell
 
 
 @dataclass(frozen=True)
 class Case:
-    """Frames and the truth behind them.
+    """Frames and their truth.
 
     Attributes
     ----------
-    group, name : str
+    name : str
     frames : (n, N) complex64
-    truth_m : (n, k) float array
-        Altitudes that count as right, k alternatives a frame; NaN where none is.
+    truth_m : (n,) or (n, k) float array
+        Altitudes that count as right, k alternatives per frame; NaN if none is right.
     bound_m : float
         Largest error of a declared altitude.
     waveform : Waveform
@@ -44,10 +45,9 @@ class Case:
     detects : bool
         Whether the chain without mitigation has to declare every frame.
     noise_limited : bool
-        Whether noise or interference can pass for a return: then false alarms at the CFAR's design rate are allowed.
+        Whether noise or interference can pass for a return, so that false alarms at the CFAR's design rate are allowed.
     """
 
-    group: str
     name: str
     frames: np.ndarray
     truth_m: np.ndarray
@@ -55,7 +55,7 @@ class Case:
     waveform: Waveform = Waveform()
     settings: AltimeterSettings = _SCENE
     detects: bool = False
-    noise_limited: bool = False
+    noise_limited: bool = True
 
 
 def _rng(name: str) -> np.random.Generator:
@@ -63,7 +63,7 @@ def _rng(name: str) -> np.random.Generator:
 
 
 def noisy(frames: np.ndarray, snr_db: float | None, rng: np.random.Generator) -> np.ndarray:
-    """Frames (n, N) with white noise at ``snr_db`` under a unit return; None for none."""
+    """Frames (n, N) with white noise at ``snr_db`` below a unit return; None adds no noise."""
     if snr_db is None:
         return frames.astype(np.complex64)
     noise = rng.standard_normal((*frames.shape, 2)) @ np.array([1.0, 1.0j])
@@ -73,8 +73,8 @@ def noisy(frames: np.ndarray, snr_db: float | None, rng: np.random.Generator) ->
 def coloured_noise(spread: float, count: int, samples: int, rng: np.random.Generator) -> np.ndarray:
     """(count, samples) unit-power noise whose spectrum rises evenly in decibels from 1 to ``spread`` and falls again.
 
-    Its covariance has eigenvalues over the same range (Szegoe), so ``spread`` is the condition number that long filters
-    meet.
+    The eigenvalues of its covariance span the same range (Szegoe), so ``spread`` is the condition number that long
+    filters meet.
     """
     frequency = np.abs(fft.fftfreq(samples))
     shape = spread ** (1.0 - 2.0 * frequency)
@@ -83,27 +83,25 @@ def coloured_noise(spread: float, count: int, samples: int, rng: np.random.Gener
     return noise / np.sqrt(np.mean(np.abs(noise) ** 2, axis=1, keepdims=True))
 
 
-def _case(group: str, name: str, frames: np.ndarray, truth: np.ndarray | float, **kw: object) -> Case:
-    truth = np.asarray(truth, dtype=float)
-    truth = np.broadcast_to(
-        truth[:, None] if truth.ndim == 1 else truth,
-        (len(frames), max(1, truth.shape[-1] if truth.ndim == 2 else 1)),
-    )
-    return Case(group, name, frames.astype(np.complex64), truth, **kw)
-
-
 def _altitudes(rng: np.random.Generator, count: int = _FRAMES) -> np.ndarray:
     return rng.uniform(20.0, 1450.0, count)
 
 
-def _interfered(
-    name: str, interferers: list[Interferer], snr_db: float | None = 10.0, count: int = _FRAMES
-) -> tuple:
+def _jammed(
+    name: str, interferer: Interferer, snr_db: float | None = 10.0, count: int = _FRAMES
+) -> tuple[np.ndarray, np.ndarray]:
+    """(count, N) complex128 frames of point returns with one interferer, and their altitudes."""
     rng, w = _rng(name), Waveform()
     truth = _altitudes(rng, count)
     frames = noisy(point_return(w, truth), snr_db, rng)
-    total = interference_frames(interferers, count, w.samples_per_frame, w.rate_hz, rng)
-    return frames + total, truth
+    return frames + interference_frames([interferer], count, w.samples_per_frame, w.rate_hz, rng), truth
+
+
+def _interfered(
+    name: str, interferer: Interferer, snr_db: float | None = 10.0, count: int = _FRAMES, **judged: object
+) -> Case:
+    frames, truth = _jammed(name, interferer, snr_db, count)
+    return Case(name, frames.astype(np.complex64), truth, **judged)
 
 
 def stiff_cases() -> Iterator[Case]:
@@ -112,86 +110,61 @@ def stiff_cases() -> Iterator[Case]:
     for power in range(0, 11, 2):
         name = f"interference of eigenvalue spread 1e{power}, SIR -30 dB"
         rng = _rng(name)
-        truth = _altitudes(rng, 40)
-        noise = coloured_noise(10.0**power, 40, w.samples_per_frame, rng) * 10**1.5
-        yield _case(
-            "stiff",
-            name,
-            noisy(point_return(w, truth), 10.0, rng) + noise,
-            truth,
-            noise_limited=True,
-            bound_m=20.0,
-        )
+        truth = _altitudes(rng, _MANY)
+        noise = coloured_noise(10.0**power, _MANY, w.samples_per_frame, rng) * 10**1.5
+        frames = noisy(point_return(w, truth), 10.0, rng) + noise
+        yield Case(name, frames.astype(np.complex64), truth, _WIDE_M)
     name = "one tone, no noise, SIR -40 dB (covariance of rank 2)"
-    frames, truth = _interfered(name, [Interferer(ToneEmitter(frequencies_hz=(1.1e6,)), -40.0)], None)
-    yield _case("stiff", name, frames, truth, noise_limited=True, bound_m=20.0)
+    yield _interfered(name, Interferer(ToneEmitter(frequencies_hz=(1.1e6,)), -40.0), None, bound_m=_WIDE_M)
     name = "two tones 1 Hz apart, SIR -30 dB"
-    frames, truth = _interfered(name, [Interferer(ToneEmitter(frequencies_hz=(1.1e6, 1.1e6 + 1.0)), -30.0)])
-    yield _case("stiff", name, frames, truth, noise_limited=True, bound_m=20.0)
+    yield _interfered(
+        name, Interferer(ToneEmitter(frequencies_hz=(1.1e6, 1.1e6 + 1.0)), -30.0), bound_m=_WIDE_M
+    )
     for what, emitter in (("QPSK", QpskEmitter(pulse="rrc", evm=TYPICAL)), ("a tone", ToneEmitter(1))):
         name = f"{what} 80 dB above the return"
-        frames, truth = _interfered(name, [Interferer(emitter, -80.0)], count=40)
-        yield _case("stiff", name, frames, truth, noise_limited=True, bound_m=20.0)
+        yield _interfered(name, Interferer(emitter, -80.0), count=_MANY, bound_m=_WIDE_M)
 
 
 def scene_cases() -> Iterator[Case]:
     """Extreme altitudes, speeds and levels."""
     yield from _altitude_cases()
     yield from _speed_cases()
-    w = Waveform()
     for sir_db in range(-80, 81, 20):
-        name = f"SIR {sir_db:+d} dB, QPSK"
-        frames, truth = _interfered(
-            name, [Interferer(QpskEmitter(pulse="rrc", evm=TYPICAL), float(sir_db))], count=40
+        emitter = QpskEmitter(pulse="rrc", evm=TYPICAL)
+        yield _interfered(
+            f"SIR {sir_db:+d} dB, QPSK", Interferer(emitter, float(sir_db)), count=_MANY, detects=sir_db >= 0
         )
-        yield _case("scene", name, frames, truth, detects=sir_db >= 0, noise_limited=True)
-    name = "SIR -20 dB, QPSK, ideal emitter"
-    frames, truth = _interfered(name, [Interferer(QpskEmitter(pulse="rrc"), -20.0)], count=40)
-    yield _case("scene", name, frames, truth, detects=False, noise_limited=True)
+    ideal = Interferer(QpskEmitter(pulse="rrc"), -20.0)
+    yield _interfered("SIR -20 dB, QPSK, ideal emitter", ideal, count=_MANY)
     for snr_db in (*range(-40, 101, 20), None):
         name = "no noise at all" if snr_db is None else f"SNR {snr_db:+d} dB"
         rng = _rng(name)
-        truth = _altitudes(rng, 40)
-        frames = noisy(point_return(w, truth), snr_db, rng)
-        yield _case("scene", name, frames, truth, detects=snr_db is None or snr_db >= 0, noise_limited=True)
+        truth = _altitudes(rng, _MANY)
+        frames = noisy(point_return(Waveform(), truth), snr_db, rng)
+        yield Case(name, frames, truth, detects=snr_db is None or snr_db >= 0)
     for label, overlap in (("none", 0.0), ("one sample", 1e-9), ("all", 1.0)):
-        name = f"overlap {label}, SIR -20 dB"
-        frames, truth = _interfered(name, [Interferer(QpskEmitter(evm=TYPICAL), -20.0, overlap)], count=40)
-        yield _case("scene", name, frames, truth, detects=overlap < 1, noise_limited=True)
+        interferer = Interferer(QpskEmitter(evm=TYPICAL), -20.0, overlap)
+        yield _interfered(f"overlap {label}, SIR -20 dB", interferer, count=_MANY, detects=overlap < 1)
 
 
 def _altitude_cases() -> Iterator[Case]:
     w, n = Waveform(), _FRAMES
-    for name, altitude, settings, detects in (
-        ("altitude 0", 0.0, _SCENE, True),
-        ("altitude 0.1 m", 0.1, _SCENE, True),
-        ("altitude 7 m, a third of a cell", 7.0, _SCENE, True),
-        (
-            "altitude 37 km, by the unambiguous limit",
-            37_000.0,
-            AltimeterSettings(max_altitude_m=37_400.0),
-            True,
-        ),
+    far = AltimeterSettings(max_altitude_m=37_400.0)
+    for name, altitude, settings in (
+        ("altitude 0", 0.0, _SCENE),
+        ("altitude 0.1 m", 0.1, _SCENE),
+        ("altitude 7 m, a third of a cell", 7.0, _SCENE),
+        ("altitude 37 km, by the unambiguous limit", 37_000.0, far),
     ):
         frames = noisy(np.tile(point_return(w, altitude), (n, 1)), 20.0, _rng(name))
-        yield _case(
-            "scene",
-            name,
-            frames,
-            np.full(n, altitude),
-            settings=settings,
-            detects=detects,
-            noise_limited=True,
-            bound_m=20.0,
-        )
+        yield Case(name, frames, np.full(n, altitude), _WIDE_M, settings=settings, detects=True)
     for altitude in (1530.0, 1600.0, 3000.0, 40_000.0, 60_000.0):
         name = f"altitude {altitude:g} m, beyond the span of 1500 m"
         frames = noisy(np.tile(point_return(w, altitude), (n, 1)), 30.0, _rng(name))
-        yield _case("scene", name, frames, np.full(n, altitude), noise_limited=True)
+        yield Case(name, frames, np.full(n, altitude))
     name = "altitude steps of 1000 m from frame to frame"
     truth = np.where(np.arange(n) % 2 == 0, 150.0, 1150.0)
-    frames = noisy(point_return(w, truth), 10.0, _rng(name))
-    yield _case("scene", name, frames, truth, detects=True, noise_limited=True)
+    yield Case(name, noisy(point_return(w, truth), 10.0, _rng(name)), truth, detects=True)
     name = "cliff: ground at 120 m and at 420 m in one beam"
     settings = AltimeterSettings(max_altitude_m=1500.0, strategy="leading_edge")
     rng = _rng(name)
@@ -199,35 +172,26 @@ def _altitude_cases() -> Iterator[Case]:
     parts = [
         point_return(w, heights, phase_cycles=rng.random(200)).sum(axis=0) / np.sqrt(200.0) for _ in range(n)
     ]
-    frames = noisy(np.stack(parts), 20.0, rng)
-    yield _case("scene", name, frames, np.tile([[120.0, 420.0]], (n, 1)), bound_m=20.0, settings=settings)
+    both = np.tile([[120.0, 420.0]], (n, 1))
+    yield Case(name, noisy(np.stack(parts), 20.0, rng), both, _WIDE_M, settings=settings, noise_limited=False)
 
 
 def _speed_cases() -> Iterator[Case]:
-    w = Waveform()
-    for speed in (-150.0, 150.0, 175.0, 200.0, 300.0, 600.0):
-        name = f"vertical speed {speed:+g} m/s, allowed 150"
+    allowing = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=150.0)
+    fast = [
+        (f"vertical speed {speed:+g} m/s, allowed 150", speed, allowing)
+        for speed in (-150.0, 150.0, 175.0, 200.0, 300.0, 600.0)
+    ]
+    for name, speed, settings in [*fast, ("vertical speed +50 m/s, allowed 0", 50.0, _SCENE)]:
         rng = _rng(name)
         truth = _altitudes(rng)
-        frames = noisy(point_return(w, truth, vertical_speed_m_per_s=speed), 20.0, rng)
-        settings = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=150.0)
-        yield _case(
-            "scene", name, frames, truth, settings=settings, detects=abs(speed) <= 150, noise_limited=True
-        )
-    name = "vertical speed +50 m/s, allowed 0"
-    rng = _rng(name)
-    truth = _altitudes(rng)
-    yield _case(
-        "scene",
-        name,
-        noisy(point_return(w, truth, vertical_speed_m_per_s=50.0), 20.0, rng),
-        truth,
-        noise_limited=True,
-    )
+        frames = noisy(point_return(Waveform(), truth, vertical_speed_m_per_s=speed), 20.0, rng)
+        detects = abs(speed) <= settings.max_vertical_speed_m_per_s
+        yield Case(name, frames, truth, settings=settings, detects=detects)
 
 
 def waveform_cases() -> Iterator[Case]:
-    """Other sweeps: B T_h not whole, 10 us to 100 ms, 0.1 to 200 MHz."""
+    """Other sweeps: B T_h not a whole number, 10 us to 100 ms, 0.1 to 200 MHz."""
     for waveform in (
         Waveform(bandwidth_hz=7.100123e6, centered=False),
         Waveform(bandwidth_hz=6.7001666e6, sweep_s=3e-3, centered=False),
@@ -250,81 +214,57 @@ def waveform_cases() -> Iterator[Case]:
         )
         rng = _rng(name)
         settings = AltimeterSettings(max_vertical_speed_m_per_s=0.0)
-        top = settings.resolved(waveform).max_altitude_m
-        truth = np.array([0.05, 0.3, 0.6, 0.8]) * top
+        truth = np.array([0.05, 0.3, 0.6, 0.8]) * settings.resolved(waveform).max_altitude_m
         frames = noisy(point_return(waveform, truth, frame_index=np.arange(4)), 20.0, rng)
-        bound = max(5.0, 0.5 * waveform.range_resolution_m)
-        yield _case(
-            "waveform",
-            name,
-            frames,
-            truth,
-            bound_m=bound,
-            waveform=waveform,
-            settings=settings,
-            noise_limited=True,
-        )
+        bound_m = max(5.0, 0.5 * waveform.range_resolution_m)
+        yield Case(name, frames, truth, bound_m, waveform, settings)
 
 
 def number_cases() -> Iterator[Case]:
-    """The ends of the number range, broken samples and coarse converters."""
-    w, n = Waveform(), 4
+    """The ends of the number range, broken samples and coarse converters; nothing in them passes for a return."""
+    for name, frames, truth, detects in _numbers():
+        yield Case(name, frames, truth, detects=detects, noise_limited=False)
+
+
+def _numbers() -> Iterator[tuple[str, np.ndarray, np.ndarray, bool]]:
+    """(name, frames, truth, detects) of each case."""
     rng = _rng("numbers")
-    truth = _altitudes(rng, n)
-    good = noisy(point_return(w, truth), 20.0, rng)
-    nothing = np.full(n, np.nan)
-    yield _case("numbers", "all zeros", np.zeros_like(good), nothing)
-    yield _case("numbers", "a constant", np.ones_like(good), nothing)
-    yield _case("numbers", "a constant 1e20", np.full_like(good, 1e20), nothing)
+    truth = _altitudes(rng, 4)
+    good = noisy(point_return(Waveform(), truth), 20.0, rng)
+    nothing = np.full(4, np.nan)
+    yield "all zeros", np.zeros_like(good), nothing, False
+    yield "a constant", np.ones_like(good), nothing, False
+    yield "a constant 1e20", np.full_like(good, 1e20), nothing, False
     for scale in (1e-30, 1e-15, 1e15, 1e30):
-        yield _case("numbers", f"amplitude {scale:g}", good * np.float32(scale), truth, detects=True)
-    yield _case("numbers", "denormal amplitude 1e-40", good * np.float32(1e-40), truth)
-    yield _case("numbers", "amplitude 1e38, squares overflow", good * np.float32(1e38), truth)
+        yield f"amplitude {scale:g}", good * np.float32(scale), truth, True
+    yield "denormal amplitude 1e-40", good * np.float32(1e-40), truth, False
+    yield "amplitude 1e38, squares overflow", good * np.float32(1e38), truth, False
     for label, value in (("NaN", np.nan), ("infinity", np.inf), ("minus infinity in Q", -1j * np.inf)):
         broken = good.copy()
         broken[:, 1234] = value
-        yield _case("numbers", f"{label} in one sample", broken, nothing)
+        yield f"{label} in one sample", broken, nothing, False
     spike = good.copy()
     spike[:, 1234] = 1e30
-    yield _case("numbers", "one sample of 1e30", spike, truth)
-    yield from _converter_cases(good, truth)
-
-
-def _converter_cases(good: np.ndarray, truth: np.ndarray) -> Iterator[Case]:
+    yield "one sample of 1e30", spike, truth, False
     rails = good.view(np.float32)
-    yield _case(
-        "numbers",
-        "clipped at a tenth of the return",
-        np.clip(rails, -0.1, 0.1).view(np.complex64),
-        truth,
-        detects=True,
-    )
+    yield "clipped at a tenth of the return", np.clip(rails, -0.1, 0.1).view(np.complex64), truth, True
     for bits in (12, 8, 4, 1):
-        step = np.float32(2.0 / 2 ** (bits - 1))
-        levels = (
-            np.sign(rails)
-            if bits == 1
-            else np.clip(np.rint(rails / step), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1) * step
-        )
-        yield _case(
-            "numbers",
-            f"{bits}-bit converter",
-            levels.astype(np.float32).view(np.complex64),
-            truth,
-            detects=True,
-        )
-    yield _case("numbers", "DC 40 dB above the return", good + np.complex64(100.0), truth)
+        step, top = np.float32(2.0 / 2 ** (bits - 1)), 2 ** (bits - 1)
+        levels = np.sign(rails) if bits == 1 else np.clip(np.rint(rails / step), -top, top - 1) * step
+        yield f"{bits}-bit converter", levels.astype(np.float32).view(np.complex64), truth, True
+    yield "DC 40 dB above the return", good + np.complex64(100.0), truth, False
 
 
 def front_end_cases() -> Iterator[Case]:
     """An amplifier deep in compression, and blockers beside the band whose third-order product is a line in the IF."""
     amplifier = Amplifier(p1db_dbm=-20.0, iip3_dbm=-8.0)  # of the profile fmcw_150mhz
-    return_dbm, n = -80.0, _FRAMES
+    return_dbm = -80.0
 
     def amplified(frames: np.ndarray) -> np.ndarray:
-        """Frames over the return's amplitude, before and behind the amplifier."""
+        """Frames behind the amplifier; before and behind it in units of the return's amplitude."""
         scaled = frames * 10.0 ** (return_dbm / 20.0)
-        return scaled * amplifier.gain(np.abs(scaled)) * 10.0 ** (-return_dbm / 20.0)
+        behind = scaled * amplifier.gain(np.abs(scaled)) * 10.0 ** (-return_dbm / 20.0)
+        return behind.astype(np.complex64)
 
     qpsk = QpskEmitter(pulse="rrc", evm=TYPICAL)
     for what, emitter, above_db in (
@@ -333,8 +273,8 @@ def front_end_cases() -> Iterator[Case]:
         ("QPSK", qpsk, 40.0),
     ):
         name = f"{what} {above_db:g} dB above compression, return 60 dB below it"
-        frames, truth = _interfered(name, [Interferer(emitter, -60.0 - above_db)])
-        yield _case("front_end", name, amplified(frames), truth, noise_limited=True)
+        frames, truth = _jammed(name, Interferer(emitter, -60.0 - above_db))
+        yield Case(name, amplified(frames), truth)
     # sweeps of two other altimeters, 10 and 20 MHz above the band; 2 f1 - f2 and 2 tau1 - tau2 make a return of 800 m
     w = Waveform(rate_hz=60e6)
     t = np.arange(w.samples_per_frame) / w.rate_hz
@@ -343,10 +283,10 @@ def front_end_cases() -> Iterator[Case]:
         product_db = 3.0 * blocker_dbm + 16.0 - return_dbm
         name = f"two blockers at {blocker_dbm:g} dBm, product {product_db:g} dB from the return"
         rng = _rng(name)
-        truth = rng.uniform(20.0, 700.0, n)
+        truth = rng.uniform(20.0, 700.0, _FRAMES)
         blockers = delayed.sum(axis=0) * 10.0 ** ((blocker_dbm - return_dbm) / 20.0)
         frames = amplified(noisy(point_return(w, truth), 10.0, rng) + blockers)
-        yield _case("front_end", name, frames, truth, waveform=w, detects=True, noise_limited=True)
+        yield Case(name, frames, truth, waveform=w, detects=True)
 
 
 # in the order of the report

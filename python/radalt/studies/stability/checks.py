@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +17,8 @@ from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_alti
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
+from ...evaluation.engine.apart import call_apart
+from ...evaluation.engine.pool import WorkerError
 from .cases import coloured_noise, noisy
 
 if TYPE_CHECKING:
@@ -26,26 +26,27 @@ if TYPE_CHECKING:
 
 __all__ = ["SPREADS", "altitudes_of", "determinism_rows", "flowgraph_row", "long_run_rows", "step_limit"]
 
-SPREADS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)  # of the input's spectrum, for the step limits
+SPREADS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)  # spectral spreads of the input, for the step limits
 
 _FAR = 100_000_000_000  # samples: 3.7 hours at 7.5 MS/s
-# a worker keeps to one core, on which BLAS would not make the threads that are asked for
-_CODE = "import os; hasattr(os, 'sched_setaffinity') and os.sched_setaffinity(0, range(os.cpu_count())); "
-_CODE += "from {module} import altitudes_of; print(altitudes_of({method!r}).tobytes().hex())"
-# ONNX Runtime takes other kernels for other batch sizes; the rest is equal bit for bit
+# ONNX Runtime uses other kernels for other batch sizes; other methods are equal bit for bit
 _NETWORK_BOUND_M = 0.01
+
+
+def _bound_m(method: str) -> float:
+    return _NETWORK_BOUND_M if method == "tcae" else 0.0
 
 
 def step_limit(spread: float) -> dict[str, Any]:
     """Largest stable step of block LMS, measured by bisection, against ``2 / lambda_max(X^H X)``.
 
-    ``lambda_max`` is that of the block's Gram matrix, the mean over the input's blocks: ``block`` times the
-    covariance's, which is the block factor (S. Haykin, Adaptive Filter Theory, 4th ed., sec. 7.4).
+    ``lambda_max`` is the largest eigenvalue of the block's mean Gram matrix: ``block`` times that of the covariance
+    (S. Haykin, Adaptive Filter Theory, 4th ed., sec. 7.4).
 
     Parameters
     ----------
     spread : float
-        Of the input's spectrum, as of `coloured_noise`.
+        Spread of the input's spectrum, as in `coloured_noise`.
     """
     waveform, length, block = Waveform(), 32, 100
     rng = np.random.default_rng(int(np.log10(spread)))
@@ -70,7 +71,7 @@ def step_limit(spread: float) -> dict[str, Any]:
         "theory": theory,
         "measured": measured,
         "ratio": measured / theory,
-        # the mean Gram matrix is what theory knows; single blocks scatter about it
+        # theory takes the mean Gram matrix; that of a single block scatters about it
         "verdict": "pass" if 0.5 <= measured / theory <= 2.0 else "FAIL",
     }
 
@@ -86,7 +87,7 @@ def _check(name: str, value: float, bound: float, unit: str) -> dict[str, Any]:
 
 
 def long_run_rows() -> Iterator[dict[str, Any]]:
-    """Phase and timing after 1e11 samples, reached by jumping the counter; a float32 accumulator beside them."""
+    """Phase and timing after 1e11 samples, reached by setting the counter; a float32 accumulator beside them."""
     w = Waveform(bandwidth_hz=7.100123e6, centered=False)
     n = w.samples_per_frame
     for frames in (_FAR // n, 10**9):
@@ -112,7 +113,7 @@ def long_run_rows() -> Iterator[dict[str, Any]]:
 
 
 def _float_drift(dtype: type) -> float:
-    """Phase error of ``index * f / rate`` in one precision at sample 1e9 + 1."""
+    """Phase error in cycles of ``index * f / rate`` at sample 1e9 + 1, computed in ``dtype``."""
     index = 10**9 + 1
     exact = Fraction(index) / Fraction(7_500_000) % 1
     value = dtype(index) * (dtype(1.0) / dtype(7.5e6))
@@ -120,13 +121,13 @@ def _float_drift(dtype: type) -> float:
 
 
 def _segmented_error(first_sample: int) -> float:
-    """Largest altitude error of frames from a segmenter whose counter starts far out; infinite if it lost any."""
+    """Largest altitude error of frames from a segmenter whose counter starts there; infinite if it lost any."""
     w, latency = Waveform(), 321
     programme = Programme(altitudes_m=(200.0, 900.0), frames_per_step=4)
     sweeps = [w.beat_shifted(float(programme.altitude_m(i))) for i in range(programme.total_frames + 3)]
     stream = np.concatenate([np.zeros(latency), *sweeps])[None]
     stream = noisy(stream, 20.0, np.random.default_rng(3))[0]
-    segmenter = FrameSegmenter(w)  # no programme: the one flown ended long before so late a sample
+    segmenter = FrameSegmenter(w)  # without the programme, which ended long before that sample
     segmenter.reset(first_sample)
     frames = [f for part in np.array_split(stream, 7) for f in segmenter.push(part)] + segmenter.drain()
     altimeter = Altimeter(w)
@@ -148,44 +149,42 @@ def _frames(count: int = 12) -> np.ndarray:
     return (frames + jam).astype(np.complex64)
 
 
-def altitudes_of(method: str, batches: tuple[int, ...] = (12,)) -> np.ndarray:
-    """Forced altitudes of a fixed set of frames after a method, split into batches of the given sizes in turn."""
+def altitudes_of(method: str, batches: Sequence[int] = (12,)) -> list[float]:
+    """Forced altitudes of fixed frames behind a method, in batches of the given sizes in turn."""
     w, frames = Waveform(), _frames()
     altimeter, subject = shared_altimeter(w, AltimeterSettings()), create(method, w)
-    parts, at, k = [], 0, 0
-    while at < len(frames):
-        part = frames[at : at + batches[k % len(batches)]]
-        parts.append(altimeter.process(subject.process(part))["forced_altitude_m"])
-        at, k = at + len(part), k + 1
-    return np.concatenate(parts)
+    found: list[float] = []
+    for size in itertools.cycle(batches):
+        part = frames[len(found) : len(found) + size]
+        if not len(part):
+            return found
+        found += altimeter.process(subject.process(part))["forced_altitude_m"].tolist()
+    return found
 
 
 def determinism_rows(method: str) -> Iterator[dict[str, Any]]:
-    """The same altitudes in batches of any size and with any number of threads."""
-    bound = _NETWORK_BOUND_M if method == "tcae" else 0.0
-    whole = altitudes_of(method)
+    """Whether altitudes are the same in batches of any size and with any number of threads."""
+    bound, whole = _bound_m(method), altitudes_of(method)
     for batches in ((1,), (5, 1, 3)):
         name = f"{method}: batches of {', '.join(map(str, batches))} against one of 12"
         yield _check(name, _difference(altitudes_of(method, batches), whole), bound, "m")
-    for threads in ("1", "2"):
+    for threads in (1, 2):
         other, said = _altitudes_in_process(method, threads)
         row = _check(f"{method}: a process of {threads} threads", _difference(other, whole), bound, "m")
         yield row | ({"verdict": f"FAIL {said}"} if said else {})
 
 
-def _altitudes_in_process(method: str, threads: str) -> tuple[np.ndarray, str]:
-    """`altitudes_of` in a process of its own, and what it said where it failed."""
-    env = os.environ | {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-    env["PYTHONPATH"] = os.pathsep.join(sys.path)
-    code = _CODE.format(module=__name__, method=method)
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
-    if done.returncode:
-        return np.empty(0), (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
-    return np.frombuffer(bytes.fromhex(done.stdout.split()[-1])), ""
+def _altitudes_in_process(method: str, threads: int) -> tuple[list[float], str]:
+    """`altitudes_of` in a process of its own, and its message if it failed."""
+    try:
+        return call_apart(__name__, "altitudes_of", method, threads=threads), ""
+    except WorkerError as error:
+        return [], str(error)
 
 
-def _difference(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference; frames without a decision, which silenced ones are, have to be the same ones."""
+def _difference(one: Sequence[float], other: Sequence[float]) -> float:
+    """Largest difference; infinite unless the same frames, those that a method silenced, are without a decision."""
+    one, other = np.asarray(one), np.asarray(other)
     if one.shape != other.shape or not np.array_equal(np.isnan(one), np.isnan(other)):
         return float("inf")
     return float(np.nanmax(np.abs(one - other), initial=0.0))
@@ -203,10 +202,9 @@ def flowgraph_row(method: str, time_limit_s: float = 60.0) -> dict[str, Any]:
     bad[6] *= np.float32(1e30)
     wanted = Altimeter(w, scene.altimeter_settings).process(create(method, w).process(bad))
     have, error = _through_blocks(scene, method, bad, time_limit_s)
-    # blocks take one frame at a time, this one batch
-    bound = _NETWORK_BOUND_M if method == "tcae" else 0.0
+    # blocks process one frame per call, the core all frames in one
     same = error is None and np.array_equal(have["valid"], wanted["valid"])
-    same = same and _difference(have["altitude_m"], wanted["altitude_m"]) <= bound
+    same = same and _difference(have["altitude_m"], wanted["altitude_m"]) <= _bound_m(method)
     return {
         "check": f"{method}: zeros, NaN, infinity and 1e30 among {len(bad)} frames",
         "value": None if error else int(have["valid"].sum()),
@@ -232,6 +230,6 @@ def _through_blocks(
     top.connect(source, top.method, top.sink)
     try:
         run_to_end(top, time_limit_s=limit_s)
-    except Exception as error:  # whatever a block raised is the finding
+    except Exception as error:  # any error of a block is a finding
         return top.sink.results(), error
     return top.sink.results(), None

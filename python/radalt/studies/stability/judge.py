@@ -1,7 +1,7 @@
-"""What a method made of a case, and the verdict.
+"""Results of a chain on a case, and their verdict.
 
-A row passes if every frame ends in an altitude within the case's bound or in ``valid = false`` with a reason,
-nothing is raised, and the clean frame that follows is measured as if nothing had happened before.
+A row passes if every frame gives an altitude within the case's bound or ``valid = false`` with a reason, nothing is
+raised, and the clean frame after the case is measured as by a method that saw nothing before.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from .reference import REFERENCES, covariance_condition, reference_altitude_m
 
 __all__ = ["allowed_false_alarms", "judge", "judge_all"]
 
-_MAX_REFERENCE_SAMPLES = 100_000  # frames longer than this are not filtered a second time in float64
+# samples of a frame up to which the float64 references are computed: seconds per case
+_MAX_REFERENCE_SAMPLES = 100_000
 
 
 def judge_all(cases: Iterable[Case], chains: Sequence[Chain]) -> Iterator[dict[str, Any]]:
-    """Rows of the report, one for every case and chain."""
+    """A row for every case and chain."""
     for case in cases:
         condition = covariance_condition(case.frames[0][:_MAX_REFERENCE_SAMPLES])
         for chain in chains:
@@ -37,9 +38,8 @@ def judge_all(cases: Iterable[Case], chains: Sequence[Chain]) -> Iterator[dict[s
 
 
 def judge(case: Case, chain: Chain) -> dict[str, Any]:
-    """One row: what a method made of a case, and the verdict with its reason."""
+    """The row of one case and chain: results, verdict and reason."""
     row: dict[str, Any] = {
-        "group": case.group,
         "case": case.name,
         "chain": chain.label,
         "precision": chain.precision,
@@ -49,14 +49,14 @@ def judge(case: Case, chain: Chain) -> dict[str, Any]:
     chain = dataclasses.replace(chain, settings=case.settings)
     try:
         method = chain.build(case.waveform)
-    except MitigationError as error:  # a contract that refuses the waveform, in one line, is a right answer
-        model = chain.model or default_model_path()  # where it lies says nothing about the case
+    except MitigationError as error:  # refusing a waveform in one line is right
+        model = chain.model or default_model_path()  # its folder does not belong to the case
         note = str(error).replace(str(model), model.name)
         return row | _empty(f"refused: {note}") | {"verdict": "refused"}
     row["precision"] = getattr(method, "metadata", {}).get("radalt_precision", chain.precision)
     altimeter = shared_altimeter(case.waveform, case.settings)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # an overflow that nobody expected shows as an exception here
+        warnings.simplefilter("error")  # an unexpected overflow is a failure
         try:
             cleaned = method.process(case.frames)
             result = altimeter.process(cleaned)
@@ -74,7 +74,7 @@ def _empty(note: str) -> dict[str, Any]:
 
 
 def _clean_frame(case: Case) -> tuple[np.ndarray, float]:
-    """A frame that any method should measure, within the case's span, and its altitude."""
+    """A frame within the case's span that any method should measure, and its altitude."""
     top = case.settings.resolved(case.waveform).max_altitude_m
     truth = min(CLEAN_ALTITUDE_M, 0.3 * top)
     frame = point_return(case.waveform, truth)[None]
@@ -82,7 +82,7 @@ def _clean_frame(case: Case) -> tuple[np.ndarray, float]:
 
 
 def _recovers(case: Case, chain: Chain, method: Mitigation, altimeter: Altimeter) -> bool:
-    """Whether the frame after the case gives what it gives to a method that saw nothing before."""
+    """Whether the clean frame after the case is measured as by a method that saw nothing before."""
     frame, truth = _clean_frame(case)
     after = altimeter.process(method.process(frame))[0]
     fresh = altimeter.process(chain.build(case.waveform).process(frame))[0]
@@ -97,7 +97,7 @@ def _measured(
     case: Case, method: Mitigation, altimeter: Altimeter, cleaned: np.ndarray, result: np.ndarray
 ) -> dict[str, Any]:
     valid = result["valid"]
-    error = np.abs(result["altitude_m"][:, None] - case.truth_m)
+    error = np.abs(result["altitude_m"][:, None] - case.truth_m.reshape(len(valid), -1))
     error = np.where(np.isfinite(error), error, np.inf).min(axis=1)
     wrong = valid & ~(error <= case.bound_m)
     reasons = [Reason.NAMES[r] for r in np.unique(result["reason"])]
@@ -129,10 +129,10 @@ def _against_float64(
         few = slice(0, 8)
         wanted = reference(method, case.frames[few].astype(complex))
         have = cleaned[few].astype(complex)
-        wanted[~have.any(axis=1)] = 0  # frames that the method silenced
+        wanted[~have.any(axis=1)] = 0  # silenced frames
         norm = np.vdot(wanted, wanted).real
         if np.isfinite(norm) and norm > 0:
-            # a method may choose its output's level (whitening does): compare up to one factor a frame
+            # a method may scale its output, as whitening does: compare up to one factor per frame
             power = np.maximum(np.sum(np.abs(have) ** 2, axis=1, keepdims=True), 1e-300)
             factor = np.sum(have.conj() * wanted, axis=1, keepdims=True) / power
             out["output_error"] = float(np.linalg.norm(wanted - factor * have) / np.sqrt(norm))
@@ -161,7 +161,7 @@ def _verdict(case: Case, chain: Chain, method: Mitigation, altimeter: Altimeter,
 
 
 def allowed_false_alarms(case: Case, altimeter: Altimeter) -> int:
-    """Declared wrong altitudes that the CFAR's design rate explains: its 99.9 % quantile over the case's frames."""
+    """Wrong altitudes that the CFAR's design rate explains: the 99.9 % quantile over the case's frames."""
     if not case.noise_limited:
         return 0
     return int(binom.ppf(0.999, len(case.frames), altimeter.false_alarms_per_frame))

@@ -1,4 +1,4 @@
-"""Float64 references of methods and altimeter, written without the core's code: whole-frame NumPy, no tables."""
+"""Float64 references of methods and altimeter that share no code with the core: whole-frame NumPy, no tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _whitening(method: Mitigation, frames: np.ndarray) -> np.ndarray:
     width = max(1, round(method.smoothing_hz * frames.shape[1] / method.waveform.rate_hz))
     kernel = np.zeros(frames.shape[1])
     kernel[(np.arange(width) - width // 2) % frames.shape[1]] = 1.0 / width
-    # a circular mean by direct sums: a transform would smear rounding over 100 dB of range
+    # circular mean by direct sums: an FFT would spread rounding errors over 100 dB of range
     smooth = np.stack([sum(np.roll(p, int(k)) * kernel[k] for k in np.nonzero(kernel)[0]) for p in power])
     level = smooth.mean(axis=1, keepdims=True)
     smooth = np.maximum(smooth / np.where(level > 0, level, 1.0), 1e-6)
@@ -30,7 +30,7 @@ def _whitening(method: Mitigation, frames: np.ndarray) -> np.ndarray:
 
 
 def _lms(method: Mitigation, frames: np.ndarray, normalised: bool = False) -> np.ndarray:
-    """Textbook block LMS, ``w += mu sum_n conj(x_n) e_n``, weights and delay line kept unless the method restarts."""
+    """Textbook block LMS, ``w += mu sum_n conj(x_n) e_n``; weights and delay line persist unless it restarts."""
     w = method.waveform
     reference = np.exp(2j * np.pi * w.phase_cycles(w.sample_times_s))
     length, out = method.length, np.zeros(frames.shape, complex)
@@ -77,9 +77,9 @@ def covariance_condition(frame: np.ndarray, length: int = 32) -> float:
 
 
 def reference_altitude_m(waveform: Waveform, frame: np.ndarray, beats_hz: tuple[float, float]) -> float:
-    """Altitude of one frame in float64 from the maximum of the discrete-time Fourier transform near two beats.
+    """Altitude of one frame in float64, from the maxima of the discrete-time Fourier transform near two beats.
 
-    Newton's iteration on the magnitude of the transform of each dechirped half, from the beats (up, down) given.
+    Newton's iteration on the magnitude of the transform of each dechirped half, started at ``beats_hz`` (up, down).
     """
     half = waveform.samples_per_half
     t = np.arange(half) / waveform.rate_hz
@@ -87,12 +87,12 @@ def reference_altitude_m(waveform: Waveform, frame: np.ndarray, beats_hz: tuple[
     mixed = (np.asarray(frame, dtype=complex) * reference.conj()).reshape(2, half)
     centred = t - t.mean()
     found = []
-    # rx conj(ref) has its beat at -k tau on the up sweep, +k tau on the down sweep; results count the up beat positive
+    # rx conj(ref) has its beat at -k tau on the up sweep, +k tau on the down sweep; results have the up beat positive
     for part, start in zip(mixed, (-beats_hz[0], -beats_hz[1]), strict=True):
         f = start
         for _ in range(20):
-            turned = part * np.exp(-2j * np.pi * f * centred)
-            s0, s1, s2 = (np.sum(turned * (-2j * np.pi * centred) ** k) for k in range(3))
+            shifted = part * np.exp(-2j * np.pi * f * centred)
+            s0, s1, s2 = (np.sum(shifted * (-2j * np.pi * centred) ** k) for k in range(3))
             slope = 2 * np.real(np.conj(s0) * s1)
             curve = 2 * (np.abs(s1) ** 2 + np.real(np.conj(s0) * s2))
             if curve >= 0:

@@ -1,4 +1,4 @@
-"""The stability report: counts of verdicts, what did not pass, and one figure; every row is in rows.csv."""
+"""Stability report: counts of verdicts, rows that did not pass, one figure; every row is in rows.csv."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 from ...core.interference.evm import EMITTERS
 from ...core.mitigation import METHODS
-from ...evaluation.engine.study import Run
+from ...evaluation.engine.study import Run, Study
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.table import table
 
@@ -54,23 +54,22 @@ def failures(tables: Mapping[str, Sequence[dict[str, Any]]]) -> list[str]:
     ]
 
 
-def write_report(folder: RunFolder, tables: Mapping[str, Sequence[dict[str, Any]]], run: Run) -> Path:
-    """Write figure, ``groups.csv``, ``report.md`` and ``report.json`` from the tables; returns the page."""
+def write_report(
+    folder: RunFolder, study: Study, tables: Mapping[str, Sequence[dict[str, Any]]], run: Run
+) -> Path:
+    """Write the figure, ``groups.csv``, ``report.md`` and ``report.json``; returns the page."""
     rows = tables["rows"]
-    figure = folder.path / "figures" / "stability.png"
-    _draw(rows, figure)
-    report = folder.head | {"run": run.as_dict(), **tables, "failures": failures(tables)}
-    values = report | {
+    _draw(rows, folder.path / "figures" / "stability.png")
+    folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
+    values = {
         "counts": _counts(rows),
         "group_table": _group_table(rows),
         "not_passed": _not_passed(tables),
         "step_table": _step_table(tables["step_limits"]),
         "check_table": _check_table(tables["checks"]),
     }
-    folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
-    folder.write_report(report)
-    return page
+    report = {**tables, "failures": failures(tables)}
+    return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report, values)
 
 
 def _verdicts(rows: Sequence[dict[str, Any]]) -> list[int]:
@@ -97,16 +96,20 @@ def by_group(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _summed(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What rows say together: counts added, the worst of the errors."""
+    """Rows as one: sums of counts, the largest errors."""
     counts = dict(zip(("rows", *_COLOURS), _verdicts(rows), strict=True))
     sums = {name: sum(r[name] or 0 for r in rows) for name in ("frames", "valid", "wrong", "silenced")}
+    worst = {
+        name: max((r[name] for r in rows if r[name] is not None), default=None)
+        for name in ("error_m", "output_error")
+    }
     return counts | {
         "frames": sums["frames"],
         "declared": sums["valid"],
         "wrong_frames": sums["wrong"],
         "silenced": sums["silenced"],
-        "worst_error_m": max((r["error_m"] for r in rows if r["error_m"] is not None), default=None),
-        "worst_output": max((r["output_error"] for r in rows if r["output_error"] is not None), default=None),
+        "worst_error_m": worst["error_m"],
+        "worst_output": worst["output_error"],
     }
 
 
@@ -123,34 +126,29 @@ def _group_table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> str:
-    """A line per case and chain that did not pass, then the checks; empty where all passed."""
+    """Lines of the cases and chains that did not pass, then of the checks; empty if all passed."""
     bad = [r for r in tables["rows"] if r["verdict"] in ("WRONG", "FAIL")]
-    lines = [[r["chain"], r["case"], r["reasons"] if r["wrong"] is None else _wrong(r)] for r in bad]
+    lines = [
+        [
+            r["chain"],
+            r["case"],
+            r["reasons"] if r["wrong"] is None else f"{r['wrong']} of {r['frames']} wrong",
+        ]
+        for r in bad
+    ]
     lines.sort(key=lambda line: line[0])
     lines += [["", line, ""] for line in failures(tables | {"rows": []})]
     return table(["chain", "case", "found"], lines) if lines else ""
 
 
-def _wrong(row: dict[str, Any]) -> str:
-    return f"{row['wrong']} of {row['frames']} wrong"
-
-
 def _step_table(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [
-        [
-            f"{r['spread']:.0e}",
-            f"{r['condition']:.2e}",
-            f"{r['theory']:.3e}",
-            f"{r['measured']:.3e}",
-            f"{r['ratio']:.2f}",
-        ]
-        for r in rows
-    ]
+    shown = {"spread": ".0e", "condition": ".2e", "theory": ".3e", "measured": ".3e", "ratio": ".2f"}
+    lines = [[format(r[name], form) for name, form in shown.items()] for r in rows]
     return table(["spectral spread", "condition number", "theory", "measured", "measured / theory"], lines)
 
 
 def _check_table(rows: Sequence[dict[str, Any]]) -> str:
-    """One line per check, its methods together."""
+    """A line per check, its methods together."""
     checks: dict[str, list[tuple[str, dict[str, Any]]]] = {}
     for row in rows:
         method, _, check = row["check"].partition(": ")
@@ -167,7 +165,7 @@ def _check_table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _span(rows: Sequence[dict[str, Any]], name: str) -> str:
-    """A number, or the smallest and the largest."""
+    """The one value, or the smallest and the largest."""
     ends = {_brief(end([r[name] for r in rows if r[name] is not None], default=None)) for end in (min, max)}
     return " to ".join(sorted(ends, key=lambda text: float(text or 0)))
 
@@ -177,7 +175,7 @@ def _brief(value: float | None) -> str:
 
 
 def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """A tile for every case and chain of which one or more did not pass, in the colour of its verdict."""
+    """A tile for every case and chain with a row that did not pass, in the colour of its verdict."""
     from matplotlib.patches import Patch, Rectangle
 
     broken = [r for r in rows if r["verdict"] in ("WRONG", "FAIL")] or rows

@@ -1,8 +1,7 @@
-"""Stability: every method and precision on stiff, extreme and broken frames against float64, judged case by case."""
+"""Stability: every method and precision on stiff, extreme and broken frames, judged against float64."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,9 +9,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ...core.waveform import Waveform
-from ...evaluation.engine.study import Point, Run, Study
-from ...evaluation.results.chain import Chain, chains_with, model_files
-from ...evaluation.results.folder import RunFolder
+from ...evaluation.engine.chain_study import ChainStudy
+from ...evaluation.engine.study import Point, Study
+from ...evaluation.results.chain import Chain
 from ...evaluation.results.rows import Columns
 from . import checks
 from .cases import GROUPS, Case
@@ -34,26 +33,27 @@ _TABLES = {
     ),
     "checks": Columns(names=("check", "value", "bound", "unit", "verdict"), text=_WORDS),
 }
-# CPU seconds of one machine; `rehearsal` finds those of this one
-_CASE_S, _FRAME_S = 0.09, 0.002  # per chain: built twice, and one frame more; float64 references
+# CPU seconds of one machine; `rehearsal` scales them to this one
+# per chain: two constructions and the clean frame; each frame with its references
+_CASE_S, _FRAME_S = 0.09, 0.002
 _CHECK_S = {"long runs": 1.0, "determinism": 2.4, "flowgraph": 0.5, "step_limits": 1.2}
 
 
 def compared_chains(methods: Sequence[str], models: Sequence[Path] = ()) -> tuple[Chain, ...]:
-    """The classical methods, and the network once for every model file."""
+    """The classical methods, and the network once per model file."""
     networks = [Chain.of_model(model) for model in models] if "tcae" in methods else []
     return (*(Chain(m, m) for m in methods if m != "tcae"), *networks)
 
 
 @lru_cache(maxsize=len(GROUPS))
 def _cases(group: str) -> dict[str, Case]:
-    """Of a group by name; made once per process, since some share what they are made of."""
+    """Cases of a group by name, made once per process."""
     return {case.name: case for case in GROUPS[group]()}
 
 
 @dataclass(frozen=True)
 class StabilityPoint(Point):
-    """A case, a check of one method (``what`` is its kind), or the step limit at one spectral spread."""
+    """A case, a check of a method (both named by ``what``), or the step limit at a spectral spread."""
 
     group: str = ""
     what: str = ""
@@ -62,16 +62,16 @@ class StabilityPoint(Point):
 
 
 @dataclass(frozen=True)
-class StabilityStudy(Study):
+class StabilityStudy(ChainStudy):
     """Cases and checks for a number of chains.
 
     Attributes
     ----------
     chains : tuple of Chain
     groups : tuple of str
-        Of `cases.GROUPS`.
+        Names in `cases.GROUPS`.
     checked : tuple of str
-        Methods whose long runs, determinism and flowgraph are checked; empty leaves the checks out.
+        Methods whose determinism and flowgraph are checked, beside long runs; empty leaves all checks out.
     """
 
     chains: tuple[Chain, ...]
@@ -86,14 +86,6 @@ class StabilityStudy(Study):
         "checks.csv": "data/stability_checks.csv",
         "figures/stability.png": "figures/stability.png",
     }
-
-    def head(self) -> dict[str, Any]:
-        """See `Study`."""
-        return vars(self) | {"chains": {chain.label: chain.head(Waveform()) for chain in self.chains}}
-
-    def check(self) -> None:
-        """See `Study`; raises `MitigationError` where a chain does not fit the default sweep."""
-        self.head()
 
     def points(self) -> Sequence[StabilityPoint]:
         """Every case, then the step limits and checks."""
@@ -126,13 +118,8 @@ class StabilityStudy(Study):
             return list(checks.determinism_rows(point.method))
         if point.what == "flowgraph":
             return [checks.flowgraph_row(point.method)]
-        return list(judge_all([_cases(point.group)[point.what]], self.chains))
-
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        from .report import write_report
-
-        return write_report(folder, rows, run)
+        case = _cases(point.group)[point.what]
+        return [{"group": point.group} | row for row in judge_all([case], self.chains)]
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""
@@ -146,16 +133,3 @@ class StabilityStudy(Study):
         """See `Study`."""
         cases = [p for p in self.points() if p.table == "rows"]
         return ((self, cases[len(cases) // 2]),) if cases else ()
-
-    def files(self) -> dict[str, Path]:
-        """The networks."""
-        return model_files(self.chains)
-
-    def with_files(self, files: Mapping[str, Path]) -> StabilityStudy:
-        """See `Study`."""
-        return dataclasses.replace(self, chains=chains_with(self.chains, files))
-
-    @property
-    def needs_network(self) -> bool:
-        """See `Study`."""
-        return any(chain.model for chain in self.chains) or "tcae" in self.checked

@@ -1,4 +1,4 @@
-"""When an altimeter has stopped being usable, and the level at which that happens."""
+"""Criteria of a usable altimeter, and the level at which one fails."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from scipy.constants import foot
 
 from ...core.receiver.tracker_settings import Status
 
-__all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "break_level", "judged"]
+__all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "RUN_IN", "break_level", "judged"]
 
-# Commonly quoted of RTCA 274-20/PMC-2073, not read there: mean error above 0.5 %, fewer than 98 % within 2 %, any
-# no-computed-data.
+# Mean error above 0.5 %, fewer than 98 % within 2 %, any output without computed data: commonly quoted from RTCA
+# 274-20/PMC-2073, not read there.
 _MEAN_SHARE, _WITHIN_SHARE, _WITHIN = 0.005, 0.02, 0.98
-_LEAST_M = 3 * foot  # below which no altitude is called wrong (assumed)
+_LEAST_M = 3 * foot  # error up to which no altitude is called wrong (assumed)
 _ALERT_S = 1.0  # longest time for which a wrong altitude may be called NORMAL (assumed)
-LOWEST_DBM, HIGHEST_DBM = -150, 20  # beyond, receivers are destroyed rather than wrong
-_BRACKET_DB = 8
+# levels searched; above, receivers are destroyed rather than wrong
+LOWEST_DBM, HIGHEST_DBM = -150, 20
+_BRACKET_DB = 8  # first step from the expected level, doubled until the level is enclosed
+RUN_IN = 4  # outputs at the start that no criterion counts: a tracker confirms its track in them
 
 CRITERIA = {
     "mean_error": "mean error above 0.5 %",
@@ -29,7 +31,7 @@ CRITERIA = {
 
 
 def judged(status: np.ndarray, altitude_m: np.ndarray, truth_m: float, output_s: float) -> dict[str, bool]:
-    """Which criteria have fallen.
+    """Which criteria have failed.
 
     Parameters
     ----------
@@ -55,21 +57,22 @@ def judged(status: np.ndarray, altitude_m: np.ndarray, truth_m: float, output_s:
     }
 
 
-def break_level(fallen: Callable[[int], bool], expected: float) -> float | None:
-    """The level at which something falls, to +/-0.5 dB; None where it still stands at `HIGHEST_DBM`.
+def break_level(failed: Callable[[int], bool], expected: float) -> float | None:
+    """The level at which a criterion fails, to +/-0.5 dB; None if it holds at `HIGHEST_DBM`.
 
-    Bisection over whole decibels, begun about an expected level. It takes what falls to stay fallen.
+    Bisection over whole decibels, started about an expected level. It assumes that a criterion fails at all higher
+    levels.
     """
     low = int(np.clip(round(expected) - _BRACKET_DB // 2, LOWEST_DBM, HIGHEST_DBM - 1))
     step = _BRACKET_DB
-    while low > LOWEST_DBM and fallen(low):
+    while low > LOWEST_DBM and failed(low):
         low, step = max(low - step, LOWEST_DBM), 2 * step
     high, step = low + 1, _BRACKET_DB
-    while not fallen(high):
+    while not failed(high):
         if high == HIGHEST_DBM:
             return None
         low, high, step = high, min(high + step, HIGHEST_DBM), 2 * step
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if fallen(middle) else (middle, high)
+        low, high = (low, middle) if failed(middle) else (middle, high)
     return high - 0.5

@@ -1,4 +1,4 @@
-"""What is held against the altimeter: how each interferer is made at the IF, and what its level means."""
+"""Interferers of the tolerance campaign: their frames at the IF, and the meaning of their level."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ...core.waveform import altitude_to_delay_s
 
 __all__ = ["INTERFERERS", "Interferer", "others_mw"]
 
-LOCKED_M = 450.0  # altitude at which an equal, locked sweep shows
-_DRIFT = 1e-5  # of the period: two crystals of 5 ppm
-# Broadband noise of an emitter, beside what it sends on purpose: an oscillator's (assumed), and for NR an adjacent
-# channel leakage of 45 dB, as base stations are commonly held to, taken for the whole sweep.
+LOCKED_M = 450.0  # altitude at which an equal, locked sweep appears
+_DRIFT = 1e-5  # relative difference of the periods of equal sweeps: two crystals of 5 ppm
+# Broadband noise of an emitter beside its signal: that of an oscillator (assumed); for NR an adjacent channel leakage
+# ratio of 45 dB, the usual limit of base stations, over the whole sweep.
 _OSCILLATOR_DBC_PER_HZ = -130.0
-_LEAKAGE_DBC_PER_HZ = -45.0 - 69.7  # over 9.36 MHz
+_LEAKAGE_DBC_PER_HZ = -45.0 - 69.7  # 69.7 dB: the 9.36 MHz that the carrier occupies
 _BLOCKER_HZ, _BLOCKER_BANDWIDTH_HZ = 3.93e9, 98e6  # a 5G carrier of 100 MHz below 3.98 GHz
 
 
 def _retimed(w: IfWaveform, sweep_s: float, bandwidth_hz: float) -> IfWaveform:
-    """The sweep of another altimeter; only its phase and frequency are asked for."""
+    """The sweep of another altimeter, of which only phase and frequency are used."""
     return replace(w, sweep_s=sweep_s, bandwidth_hz=bandwidth_hz, rate_hz=w.samples_per_frame / sweep_s)
 
 
@@ -52,7 +52,7 @@ def _locked(profile: Profile, rng: np.random.Generator) -> Emitter:
 
 
 def _drifting(profile: Profile, rng: np.random.Generator) -> Emitter:
-    """Enters the IF as the run begins, and crosses it once: as it would sooner or later."""
+    """Enters the IF as the run starts and crosses it once."""
     w = profile.waveform
     begin = -w.stop_hz / w.slope_hz_per_s * (0.8 + 0.2 * rng.random())
     return OtherAltimeter(_retimed(w, w.sweep_s * (1 + _DRIFT), w.bandwidth_hz), delay_s=begin)
@@ -70,13 +70,13 @@ class Interferer:
     ----------
     title : str
     emitter : callable (profile, rng) -> Emitter, or None
-        None for white noise and for what stays beside the band.
+        None for white noise and for signals beside the band.
     constant_envelope : bool
-        What an amplifier sees.
+        Whether its envelope at the amplifier is constant.
     bandwidth_hz : float or None
-        That its power is spread over; None is the preselector's noise bandwidth.
+        Bandwidth of its power; None is the preselector's noise bandwidth.
     duty : float
-        Share of the time that it transmits.
+        Share of the time in which it transmits.
     center_hz : float or None
         None is the altimeter's own band.
     floor_dbc_per_hz : float
@@ -96,20 +96,20 @@ class Interferer:
 
     @property
     def blocker(self) -> bool:
-        """Whether it stays beside the band and acts through the amplifier alone."""
+        """Whether it lies beside the band and acts only through the amplifier."""
         return self.center_hz is not None
 
     def at_amplifier_dbm(self, profile: Profile, level_dbm: float) -> float:
-        """Behind the preselector."""
+        """Level behind the preselector."""
         return level_dbm - (
             profile.preselector_loss_db(self.center_hz) if self.center_hz is not None else 0.0
         )
 
     def in_receiver(self, profile: Profile, level_dbm: float) -> tuple[EnvelopeGain, float]:
-        """What the amplifier does beside it, and the density in mW/Hz of the noise that it adds to the IF.
+        """Gains of the amplifier beside it, and the density in mW/Hz of the noise that it adds to the IF.
 
-        The amplifier's strong envelope modulates the leakage, white over its own band. In the sweep's band come its
-        own broadband noise and what the local oscillator's mixes into the IF.
+        Its envelope modulates the leakage in the amplifier, white over its own bandwidth. In the sweep's band its own
+        broadband noise and that of the local oscillator, which mixes it into the IF, are added.
         """
         p, strong_dbm = profile, self.at_amplifier_dbm(profile, level_dbm)
         gain = p.amplifier.beside(strong_dbm, constant_envelope=self.constant_envelope)
@@ -121,7 +121,7 @@ class Interferer:
         return gain, added
 
     def density_dbm_per_mhz(self, profile: Profile, level_dbm: float) -> float:
-        """Mean power density at the port: over its own band if it is noise or a blocker, else over the sweep."""
+        """Mean power density at the port, over its own band if it is noise or a blocker, else over the sweep."""
         wide = profile.noise_bandwidth_hz if self.emitter is None else profile.bandwidth_hz
         width = self.bandwidth_hz if self.blocker else wide
         return float(level_dbm + 10 * np.log10(self.duty) - 10 * np.log10((width or wide) / 1e6))
@@ -154,7 +154,7 @@ INTERFERERS = {
 
 
 def others_mw(profile: Profile, frames: int, rng: np.random.Generator) -> np.ndarray:
-    """(frames, N) complex64: the aircraft's other altimeters of the same kind, unsynchronised, at their own level."""
+    """(frames, N) complex64: the aircraft's other altimeters of the same type, unsynchronised, at their own level."""
     w = profile.waveform
     total = np.zeros((frames, w.samples_per_frame), dtype=np.complex64)
     amplitude = np.float32(10 ** ((profile.transmit_dbm - profile.other_coupling_db) / 20))

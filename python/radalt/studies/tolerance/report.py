@@ -1,4 +1,4 @@
-"""The page and the figure of the tolerance campaign."""
+"""Page and figure of the tolerance campaign."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT, pfd_dbw_pe
 from ...evaluation.engine.study import Run
 from ...evaluation.results.figure import new_figure, save_figure, say
 from ...evaluation.results.folder import RunFolder
-from ...evaluation.results.page import write_pages
+from ...evaluation.results.page import write_result
 from ...evaluation.results.table import DASH, table
-from .criteria import CRITERIA, HIGHEST_DBM
+from .criteria import CRITERIA, HIGHEST_DBM, RUN_IN
 from .interferers import INTERFERERS
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Pooled", "pooled", "write_report"]
 
-MARGIN_DB = 6.0  # the safety margin that compatibility studies add
+MARGIN_DB = 6.0  # safety margin that compatibility studies add
 # Okabe and Ito's colours and a marker, in the order of the interferers
 _STYLES = (
     ("#000000", "o"), ("#E69F00", "s"), ("#0072B2", "D"), ("#009E73", "^"), ("#D55E00", "v"), ("#CC79A7", "P"),
@@ -35,21 +35,21 @@ _STYLES = (
 
 @dataclass(frozen=True)
 class Pooled:
-    """A break-point over seeds.
+    """Break-point of one interferer, method and altitude over all seeds.
 
     Attributes
     ----------
     mean, half : float
-        Mean and half of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in dBm at the port; NaN where
-        no seed has one.
+        Mean, and half width of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in dBm at the port;
+        NaN if no seed has a break-point.
     open : int
-        Seeds in which nothing broke.
+        Number of seeds without a break-point.
     clean : bool
         Whether the altimeter works without interference.
-    density, flux, margin : float
-        Of the mean: dBm/MHz at the port, dBW/m2/MHz, dB to Table 1 (NaN where that does not apply).
+    density, margin : float
+        The mean as dBm/MHz at the port, and in dB above Table 1 (NaN where that does not apply).
     first : str
-        Criteria that fell first in any seed.
+        Criteria that failed first in any seed.
     """
 
     mean: float
@@ -57,13 +57,12 @@ class Pooled:
     open: int
     clean: bool
     density: float
-    flux: float
     margin: float
     first: str
 
 
 def pooled(rows: Sequence[Mapping[str, Any]]) -> Pooled:
-    """Rows of one interferer, method and altitude."""
+    """Pooled rows of one interferer, method and altitude."""
 
     def mean(name: str) -> float:
         values = [r[name] for r in rows if r.get(name) is not None]
@@ -82,7 +81,6 @@ def pooled(rows: Sequence[Mapping[str, Any]]) -> Pooled:
         open=sum(r["first"] == "none" for r in rows),
         clean=clean,
         density=mean("break_dbm_per_mhz"),
-        flux=mean("break_dbw_per_m2_mhz"),
         margin=mean("margin_db"),
         first=", ".join(words),
     )
@@ -96,11 +94,12 @@ def _groups(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, float], P
     return {key: pooled(same) for key, same in found.items()}
 
 
-def write_report(folder: RunFolder, study: ToleranceStudy, rows: Sequence[dict[str, Any]], run: Run) -> Path:
+def write_report(
+    folder: RunFolder, study: ToleranceStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
+) -> Path:
     """Write ``report.md``, ``report.json`` and the figure; returns the page."""
-    profile, groups = load_profile(study.profile), _groups(rows)
+    profile, groups = load_profile(study.profile), _groups(rows["rows"])
     save_figure(draw(profile, study, groups), folder.path / "tolerance.png")
-    report = folder.head | {"run": run.as_dict()}
     values = {
         "profile": profile,
         "study": study,
@@ -112,10 +111,9 @@ def write_report(folder: RunFolder, study: ToleranceStudy, rows: Sequence[dict[s
         "criteria": CRITERIA,
         "highest_dbm": HIGHEST_DBM,
         "margin_db": MARGIN_DB,
+        "run_in": RUN_IN,
     }
-    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | values)
-    folder.write_report(report | {"rows": list(rows)})
-    return page
+    return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), rows, values)
 
 
 def _level(found: Pooled) -> str:
@@ -138,7 +136,7 @@ def _break_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], 
 
 
 def _margin_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> str:
-    """Margin to Table 1, where it applies, without and with 6 dB."""
+    """Margin to Table 1 at the altitudes where it applies, without and with 6 dB."""
     low = [feet for feet in study.altitudes_ft if feet <= MAX_ALTITUDE_FT]
     if not low:
         return ""
@@ -154,7 +152,7 @@ def _margin_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float],
 
 
 def _gain_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> str:
-    """What each method buys over none."""
+    """Gain in dB of each method over none."""
     others = [m for m in study.methods if m != "none"]
     if not others or "none" not in study.methods:
         return ""
@@ -175,17 +173,15 @@ def _gain_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], P
 
 
 def _number_table(profile: Profile) -> str:
-    return table(
-        ["number", "value", "standing", "source"],
-        [
-            [f"`{name}`", f"{getattr(profile, name):g}", level, source]
-            for name, (level, source) in profile.standing.items()
-        ],
-    )
+    lines = [
+        [f"`{name}`", f"{getattr(profile, name):g}", level, source]
+        for name, (level, source) in profile.standing.items()
+    ]
+    return table(["number", "value", "standing", "source"], lines)
 
 
 def draw(profile: Profile, study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> Any:
-    """Break-points over altitude as densities at the port, a panel per method, with what Table 1 lets arrive there."""
+    """Break-points over altitude as densities at the port, a panel per method, with the density that Table 1 allows."""
     figure = new_figure(4.6 * len(study.methods) + 1.6, 4.6)
     axes = figure.subplots(1, len(study.methods), sharey=True, squeeze=False)[0]
     rule = float(pfd_dbw_per_m2_mhz(profile.carrier_hz)) - profile.flux_dbw_per_m2_mhz(0.0)
@@ -194,33 +190,17 @@ def draw(profile: Profile, study: ToleranceStudy, groups: Mapping[tuple[str, str
             colour, marker = _STYLES[k % len(_STYLES)]
             found = [groups[method, name, feet] for feet in study.altitudes_ft]
             y = np.array([f.density for f in found])
-            axis.errorbar(
-                study.altitudes_ft,
-                y,
-                yerr=[f.half for f in found],
-                color=colour,
-                marker=marker,
-                markersize=5,
-                linewidth=1.3,
-                capsize=2,
-                label=INTERFERERS[name].title,
-            )
             title, pairs = INTERFERERS[name].title, zip(study.altitudes_ft, found, strict=True)
+            style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.3, "capsize": 2}
+            axis.errorbar(study.altitudes_ft, y, yerr=[f.half for f in found], label=title, **style)
             say(axis, study.altitudes_ft, y, [f"{title}, {feet:g} ft: {_level(f)}" for feet, f in pairs])
         low = min(study.altitudes_ft)
         if low < MAX_ALTITUDE_FT:
             axis.plot(
                 [low, MAX_ALTITUDE_FT], [rule, rule], color="#444444", linewidth=2.5, linestyle=(0, (4, 2))
             )
-            at = (low, rule)
-            axis.annotate(
-                "14 CFR 91.220(b), in band",
-                at,
-                (2, -12),
-                textcoords="offset points",
-                fontsize=8,
-                color="#444444",
-            )
+            words, place = "14 CFR 91.220(b), in band", {"textcoords": "offset points", "fontsize": 8}
+            axis.annotate(words, (low, rule), (2, -12), color="#444444", **place)
         axis.set_xscale("log")
         axis.set_xticks(study.altitudes_ft, [f"{feet:g}" for feet in study.altitudes_ft])
         axis.minorticks_off()

@@ -1,7 +1,6 @@
 """The tolerance campaign: break-points by interferer, altitude, method and seed.
 
-Every point is a function of (study, point) alone. An interferer's IF frames are made once and scaled, so levels,
-altitudes and criteria see the same realisation.
+IF frames of an interferer are made once per point and scaled, so that levels, altitudes and criteria share them.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,19 +20,17 @@ from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT, pfd_dbw_pe
 from ...core.mitigation import create
 from ...core.returns.link_budget import port_density_dbm_per_mhz
 from ...core.returns.point import point_return
-from ...evaluation.engine.study import Point, Run, Study
-from ...evaluation.results.folder import RunFolder
+from ...evaluation.engine.study import Point, Study
 from ...evaluation.results.rows import Columns
-from .criteria import CRITERIA, break_level, judged
+from .criteria import CRITERIA, RUN_IN, break_level, judged
 from .interferers import INTERFERERS, others_mw
 
-__all__ = ["METHODS", "RUN_IN", "ToleranceStudy", "TolerancePoint", "Trial"]
+__all__ = ["METHODS", "ToleranceStudy", "TolerancePoint", "Trial"]
 
-METHODS = ("none", "whitening", "linear_prediction", "blanking")  # work on what comes after an IF filter
-RUN_IN = 4  # outputs at the begin that no criterion counts: a tracker confirms in them
-_CHUNK = 8  # outputs made at once
-# Expected break-point: mean density of interference in the sweep over the power of the return, in dB/MHz (measured with
-# white noise; nearly one law for all kinds). Where a bisection begins, no more.
+METHODS = ("none", "whitening", "linear_prediction", "blanking")  # those that work behind an IF filter
+_CHUNK = 8  # outputs per call of the detector
+# Mean density of interference in the sweep over the power of the return at the break-point, dB/MHz, measured with white
+# noise and nearly the same for all interferers. Only where a bisection starts.
 _EXPECTED_DB = 30.0
 
 
@@ -55,7 +51,7 @@ class Trial:
     profile : Profile
     interferer, method : str
     outputs : int
-        That criteria count.
+        Outputs that the criteria count.
     seed : int
     ground : str
         ``point`` or ``diffuse``.
@@ -75,7 +71,7 @@ class Trial:
         self.method = None if method == "none" else create(method, profile.waveform, **options)
 
     def returns(self, altitude_ft: float) -> np.ndarray:
-        """(1, N) or (frames, N) complex64 return at the loop loss of that altitude."""
+        """(1, N) or (frames, N) complex64: the return at the loop loss of an altitude."""
         p, w = self.profile, self.profile.waveform
         power_mw = 10 ** ((p.transmit_dbm - p.loop_loss_db(altitude_ft)) / 10)
         range_m = (altitude_ft + p.installation_delay_ft) * foot
@@ -89,7 +85,7 @@ class Trial:
         return out
 
     def outputs(self, returns: np.ndarray, level_dbm: float | None) -> tuple[np.ndarray, np.ndarray]:
-        """Status and altitude in metres of all counted outputs; None is no interference."""
+        """Status and altitude in metres of the counted outputs; level None is without interference."""
         p, per = self.profile, self.profile.sweeps_per_output
         frames = len(self.noise)
         chunk = frames if p.detector == "tracker" else _CHUNK * per
@@ -103,7 +99,7 @@ class Trial:
         return status, altitude - p.installation_delay_ft * foot
 
     def _received(self, returns: np.ndarray, level_dbm: float | None, part: slice) -> np.ndarray:
-        """IF frames of some outputs, as the detector gets them."""
+        """IF frames of a slice, as the detector gets them."""
         p = self.profile
         back = returns if len(returns) == 1 else returns[part]
         if level_dbm is None:
@@ -130,23 +126,10 @@ def _profile(name: str) -> Profile:
 
 
 _TEXT = ("profile", "interferer", "method", "ground", "first")
+_BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
 COLUMNS = Columns(
-    names=(
-        *_TEXT[:4],
-        "altitude_ft",
-        "seed",
-        "outputs",
-        "output_s",
-        "loop_loss_db",
-        "return_dbm",
-        "first",
-        "break_dbm",
-        "break_dbm_per_mhz",
-        "break_dbw_per_m2_mhz",
-        "margin_db",
-        *(f"{name}_dbm" for name in CRITERIA),
-        "levels",
-    ),
+    (*_TEXT[:4], "altitude_ft", "seed", "outputs", "output_s", "loop_loss_db", "return_dbm", "first")
+    + (*_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"),
     text=frozenset(_TEXT),
     whole=frozenset({"seed", "outputs", "levels"}),
 )
@@ -159,11 +142,11 @@ class ToleranceStudy(Study):
     Attributes
     ----------
     profile : str
-        Path, or bare name of a shipped profile.
+        Path, or name of a shipped profile.
     interferers, methods : tuple of str
     altitudes_ft : tuple of float
     outputs : int
-        That every criterion counts: the duration of a trial.
+        Outputs that every criterion counts: the duration of a trial.
     seeds : int
         Realisations 1, 2, ...
     ground : str
@@ -228,7 +211,7 @@ class ToleranceStudy(Study):
         returns = trial.returns(feet)
         known: dict[float | None, dict[str, bool]] = {}
 
-        def fallen(level: float | None) -> dict[str, bool]:
+        def failed(level: float | None) -> dict[str, bool]:
             if level not in known:
                 known[level] = judged(*trial.outputs(returns, level), feet * foot, p.output_s)
             return known[level]
@@ -246,12 +229,12 @@ class ToleranceStudy(Study):
             "loop_loss_db": loss_db,
             "return_dbm": p.transmit_dbm - loss_db,
         }
-        clean = [name for name, failed in fallen(None).items() if failed]
+        clean = [name for name, fails in failed(None).items() if fails]
         if clean:
             return row | {"first": "without interference: " + " ".join(clean), "levels": 1}
         unit_db = trial.kind.density_dbm_per_mhz(p, 0.0)
         expected = p.transmit_dbm - loss_db + _EXPECTED_DB - unit_db
-        breaks = {name: break_level(lambda x, n=name: fallen(x)[n], expected) for name in CRITERIA}
+        breaks = {name: break_level(lambda x, n=name: failed(x)[n], expected) for name in CRITERIA}
         row |= {f"{name}_dbm": level for name, level in breaks.items()} | {"levels": len(known)}
         levels = [level for level in breaks.values() if level is not None]
         if not levels:
@@ -269,14 +252,8 @@ class ToleranceStudy(Study):
         margin = flux - float(pfd_dbw_per_m2_mhz(at_hz)) if feet <= MAX_ALTITUDE_FT else np.nan
         return {"break_dbm_per_mhz": density, "break_dbw_per_m2_mhz": flux, "margin_db": margin}
 
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        from .report import write_report
-
-        return write_report(folder, self, rows["rows"], run)
-
     def seconds(self, point: Point) -> float:
-        """See `Study`: made once 3 ms per frame, some 12 levels per altitude at 0.5 ms (1.7 ms with a method)."""
+        """See `Study`: 3 ms per frame once, then some 12 levels per altitude at 0.5 ms (1.7 ms with a method)."""
         samples = _profile(self.profile).waveform.samples_per_frame / 10752
         each = 0.5e-3 if point.method == "none" else 1.7e-3
         return point.frames * samples * (3e-3 + 12 * len(self.altitudes_ft) * each)
