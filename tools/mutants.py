@@ -77,7 +77,9 @@ def passes(tree: Path, tests: list[str], limit_s: float) -> bool:
 def main() -> None:
     """Mutate until the time is over; prints every mutant, and how many of each module were killed."""
     files = [f for folder in ("receiver", "channel", "radio") for f in sorted((CORE / folder).glob("*.py"))]
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("modules", nargs="*", metavar="MODULE", help="all without")
     wanted = parser.parse_args().modules
     if unknown := set(wanted) - {f.stem for f in files}:
