@@ -8,6 +8,7 @@ the time it takes, s (default 3600); arguments are the modules to mutate, all wi
 
 from __future__ import annotations
 
+import argparse
 import ast
 import os
 import random
@@ -76,7 +77,14 @@ def passes(tree: Path, tests: list[str], limit_s: float) -> bool:
 def main() -> None:
     """Mutate until the time is over; prints every mutant, and how many of each module were killed."""
     files = [f for folder in ("receiver", "channel", "radio") for f in sorted((CORE / folder).glob("*.py"))]
-    files = [f for f in files if tests_of(f) and (f.stem in sys.argv[1:] or not sys.argv[1:])]
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("modules", nargs="*", metavar="MODULE", help="all without")
+    wanted = parser.parse_args().modules
+    if unknown := set(wanted) - {f.stem for f in files}:
+        parser.error(f"no module {min(unknown)}: one of {', '.join(f.stem for f in files)}")
+    files = [f for f in files if tests_of(f) and (f.stem in wanted or not wanted)]
     todo = [(f, k) for f in files for k in range(len(sites(ast.parse(f.read_text()))))]
     random.Random(SEED).shuffle(todo)
     tried, killed, whole_s, end = Counter(), Counter(), {}, time.monotonic() + LIMIT_S
