@@ -86,7 +86,7 @@ YAML = {
     "sir": ("interference: {qpsk: {sir_db: -5000}}", "sir_db is -5000"),
     "tones": ("interference: {tones: {count: 1000000000}}", "tones.count is 1000000000"),
     "tones beside the band": ("interference: {tones: {span_hz: 1.0e+9}}", "at most the rate"),
-    "nr seed": ("interference: {nr: {seed: -1}}", "seed -1 has to be 0 or above"),
+    "nr seed": ("interference: {nr: {seed: -1}}", "nr.seed is -1; it has to be within 0"),
     "preamble": ("altitude: {preamble_frames: 2}", "altitude.preamble_frames 2 has to be at least 6"),
     "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "at least 1 Hz"),
     "threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: x}}", "tcae.threads is 'x'"),

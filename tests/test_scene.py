@@ -111,7 +111,7 @@ WRONG = [
     ("channel: {adc_bits: 40}", "channel.adc_bits", "40", "0..16"),
     ("channel: {drops: {count: -1}}", "drops", "-1", "0 or above"),
     ("altimeter: {cfar: os}", "'altimeter.cfar'", "unknown key", "allowed:"),
-    ("altimeter: {pfa_per_frame: 2.0}", "pfa_per_frame", "2.0", "within"),
+    ("altimeter: {pfa_per_frame: 2.0}", "pfa_per_frame", "2", "within"),
     ("altimeter: {max_altitude_m: 1500, pfa: 0.0001}", "pfa is 0.0001", "pfa_per_frame: 0.0154", "give"),
     ("altimeter: {pfa: low}", "altimeter.pfa", "low", "number"),
     ("altimeter: {strategy: best}", "altimeter.strategy", "'best'", "strongest, leading_edge, centroid"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..parsing import LARGEST, check_range
+from ..parsing import check_range
 from . import nr_sequences as seq
 from .evm import check_evm
 
@@ -104,7 +104,7 @@ class NrConfig:
             load=(0.0, 1.0),
             pdcch_load=(0.0, 1.0),
             second_layer_db=(-40.0, 20.0),
-            seed=(0, LARGEST),
+            seed=(0, 2**63 - 1),
             frame_count=(1, 100),
         )
         check_evm("nr", self.evm)

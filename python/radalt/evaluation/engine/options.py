@@ -90,10 +90,7 @@ def path(text: str) -> Path:
 def check_ours(file: Path, mark: str) -> None:
     """Refuse to overwrite what this program has not written: a link, a folder, a file without ``mark`` in its head.
 
-    Raises
-    ------
-    FileExistsError
-        One line: file and remedy.
+    Raises FileExistsError, one line: file and remedy.
     """
     if not os.path.lexists(file):
         return
