@@ -224,7 +224,7 @@ def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge(data)
 
 def test_an_interferers_own_noise_is_as_far_below_it_as_said(data, monkeypatch):
     """Tones leave the band empty, so the noise there tells its power; the SIR holds both."""
-    monkeypatch.setattr(data, "_OWN_NOISE_DB", (-10.0, -10.0))
+    monkeypatch.setattr(sys.modules["interferers"], "_OWN_NOISE_DB", (-10.0, -10.0))
     levels_db = []
     for own_noise in (0.0, 1.0):
         kinds = {"kinds": (("tones", 1.0),)}

@@ -60,6 +60,14 @@ class LandingProfile:
         ).T
         return altitude - self.radar.terrain.height_m(lat, lon)
 
+    @cached_property
+    def vertical_speed_m_per_s(self) -> np.ndarray:
+        """(frames,) rates of `altitude_m` in flight time, positive climbing."""
+        lat, lon = np.array([(s.latitude_deg, s.longitude_deg) for s in self.states]).T
+        _, slope_e, slope_n = self.radar.terrain.height_and_slope(lat, lon)
+        east, north, up = np.array([s.velocity_m_per_s for s in self.states]).T
+        return up - east * slope_e - north * slope_n
+
     def ground_return(self, index: int) -> GroundReturn:
         """Echo and truth of a frame, in watts."""
         return self.radar(self.states[index], frame_index=index)
