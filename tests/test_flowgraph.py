@@ -390,8 +390,8 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
     scene = write_scene(scene_of(), tmp_path / "scene.yaml")
     statements = (
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"
-        f"import {clear.name} as module\n"
-        f"top = module.{clear.name}(scene_file={str(scene)!r}); top.run()\n"
+        f"import {clear.module.stem} as module\n"
+        f"top = module.{clear.module.stem}(scene_file={str(scene)!r}); top.run()\n"
         "unwanted = {'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch', 'scipy.signal', 'scipy.optimize',\n"
         "    'PyQt5', 'gnuradio.uhd'}\n"
         "print('loaded', *sorted(unwanted & set(sys.modules)))"
