@@ -196,7 +196,6 @@ def test_a_bundle_is_shown_and_its_captures_replay(bundle, tmp_path, capsys):
         tmp_path / "read/captures/altitudes.sigmf-meta",
         tmp_path / "score",
         methods=["none"],
-        time_limit_s=60.0,
     )
     assert rows[0]["pd"] == 1.0 and rows[0]["trials"] == 24
 

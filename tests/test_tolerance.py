@@ -225,7 +225,8 @@ def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_ret
     for row in rows:
         assert 28.0 < float(row["break_dbm_per_mhz"]) - float(row["return_dbm"]) < 34.0
         assert row["wrong_dbm"] == ""  # missing, not wrong
-        assert float(row["margin_db"]) == pytest.approx(float(row["break_dbw_per_m2_mhz"]) + 82.0)
+    assert float(rows[0]["margin_db"]) == pytest.approx(float(rows[0]["break_dbw_per_m2_mhz"]) + 82.0)
+    assert rows[1]["margin_db"] == ""  # Table 1 ends at 500 ft
     page = (out / "report.md").read_text()
     assert "secondary" in page
     assert "Margin to 14 CFR 91.220(b) Table 1" in page
