@@ -33,7 +33,7 @@ def test_the_report_says_what_was_saved_and_that_nothing_changed(tmp_path):
     study = leaving_out.LeavingOutStudy(frames=2, repeats=1, scenes=("no interference, whitening",))
     page = run(study, Options(tmp_path)).read_text()
     assert "| no interference, whitening | none, whitening |" in page and "| yes |" in page
-    assert "Imported all the same: none of onnxruntime, matplotlib, UHD, Qt." in page
+    assert page.split("imported of onnxruntime")[1].count("| none |") == 1
     rows = {row["built"]: row for row in csv.DictReader((tmp_path / "rows.csv").open())}
     assert "onnxruntime" in rows["all"]["modules"] and rows["pruned"]["modules"] == ""
     assert int(rows["pruned"]["memory_bytes"]) < int(rows["all"]["memory_bytes"])
