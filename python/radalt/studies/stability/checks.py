@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
-from ...core.mitigation import create
+from ...core.mitigation import METHODS, create
 from ...core.programme import Programme
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ...core.receiver.segmenter import FrameSegmenter
@@ -34,7 +34,7 @@ _NETWORK_BOUND_M = 0.01
 
 
 def _bound_m(method: str) -> float:
-    return _NETWORK_BOUND_M if method == "tcae" else 0.0
+    return _NETWORK_BOUND_M if METHODS[method].runs_network else 0.0
 
 
 def step_limit(spread: float) -> dict[str, Any]:
