@@ -15,7 +15,7 @@ _QUARTILES = 1.35  # standard deviations between the quartiles of a normal distr
 _WHITE, _COLOURED = 1.5, 3.5
 _FEWEST_BLOCKS = 4  # least number of blocks for a test of colour
 _LOCAL = 0.6  # independent share of a local level's training cells: the level varies over them
-_FEWEST = 4.0  # least looks of a noise level
+_FEWEST = 4.0  # least number of independent cells (looks) that a noise level is the mean of
 _NEAR = 8.0  # resolution cells to either side of a return that are left out where the span is compared with the rest
 # Resolution cells from a block to a return, up to which the return's side lobes may colour the block.
 _LOBES = 12.0

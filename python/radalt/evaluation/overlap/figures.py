@@ -261,8 +261,8 @@ def _plot(
 ) -> None:
     """Draw series ``k`` with its bars and tooltips."""
     size = 6.5 if style["marker"] == "*" else 4.2
-    look = {"lw": 1.1, "elinewidth": 0.7, "capsize": 1.5, "ms": size, "markeredgewidth": 0.9}
-    axis.errorbar(x, y, yerr=bars, zorder=3 + k, **look, **style)
+    style_options = {"lw": 1.1, "elinewidth": 0.7, "capsize": 1.5, "ms": size, "markeredgewidth": 0.9}
+    axis.errorbar(x, y, yerr=bars, zorder=3 + k, **style_options, **style)
     say(axis, x, y, tips)
 
 
@@ -296,8 +296,14 @@ def _finish(figure: Any, axes: Sequence[Any], path: Path | None, title: str, yla
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(ylabel, fontsize=9)
     handles = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
-    look = {"loc": "outside lower center", "ncols": 4, "fontsize": 7.5, "frameon": False, "handlelength": 3.4}
-    figure.legend(handles.values(), handles.keys(), **look)
+    style_options = {
+        "loc": "outside lower center",
+        "ncols": 4,
+        "fontsize": 7.5,
+        "frameon": False,
+        "handlelength": 3.4,
+    }
+    figure.legend(handles.values(), handles.keys(), **style_options)
     wide = int(13 * figure.get_figwidth())  # characters of this size in a line
     figure.suptitle("\n".join(textwrap.fill(line, wide) for line in title.splitlines()), fontsize=9)
     if path is not None:

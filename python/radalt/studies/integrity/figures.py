@@ -118,5 +118,5 @@ def _rates(
     shown = np.where(none, bound, rate)
     axis.plot(sirs, shown, **style)
     spread = np.array([np.where(none, 0.4 * bound, 0.0), np.where(none, 0.0, bound - rate)])
-    look = {"fmt": "none", "ecolor": style["color"], "elinewidth": 0.8, "capsize": 2}
-    axis.errorbar(sirs, shown, yerr=spread, uplims=none, **look)
+    style_options = {"fmt": "none", "ecolor": style["color"], "elinewidth": 0.8, "capsize": 2}
+    axis.errorbar(sirs, shown, yerr=spread, uplims=none, **style_options)
