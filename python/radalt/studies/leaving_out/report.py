@@ -47,6 +47,7 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
                 "pruned": pruned,
                 "all": full,
                 "cpu_ratio": full["cpu_s"] / pruned["cpu_s"],
+                "cpu_ratios": _by_turn(mine),
                 "memory_ratio": full["memory_bytes"] / pruned["memory_bytes"],
                 "identical": len({r["digest"] for r in mine}) == 1,
                 "modules": next(r["modules"] for r in mine if r["built"] == "pruned"),
@@ -56,6 +57,12 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
             }
         )
     return out
+
+
+def _by_turn(rows: Sequence[dict[str, Any]]) -> list[float]:
+    """Ratio of CPU time of each turn."""
+    pruned, full = ([r["cpu_s"] for r in rows if r["built"] == built] for built in ("pruned", "all"))
+    return [b / a for a, b in zip(pruned, full, strict=True)]
 
 
 def write_report(
@@ -85,7 +92,7 @@ def draw(summary: Sequence[dict[str, Any]], path: Path) -> None:
         axis.text(_ms(s, "all"), y - 0.2, f" x {s['cpu_ratio']:.0f}", va="center", fontsize=9)
     axis.set_yticks(range(len(summary)), [s["scene"].replace(", ", ",\n", 1) for s in summary], fontsize=8)
     axis.invert_yaxis()
-    axis.margins(x=0.12)
+    axis.margins(x=0.16)
     axis.set_xlabel("CPU time of the flowgraph per frame / ms")
     axis.grid(axis="x", alpha=0.3)
     figure.legend(loc="outside upper center", ncols=2, fontsize=9, frameon=False)
