@@ -22,7 +22,7 @@ from radalt.core.receiver.leakage_file import store_leakage
 from radalt.core.scene import Scene, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.options import Parser, command, path
 from radalt.evaluation.radios.leakage_calibration import calibrate_leakage
-from radalt.evaluation.results.figure import new_figure, save_figure
+from radalt.evaluation.results.figure import new_figure
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.score import score_frames
 from radalt.evaluation.simulation import run_chain
@@ -85,7 +85,8 @@ def draw(out: Path) -> None:
     )
     axis.grid(alpha=0.3)
     figure.legend(loc="outside upper center", ncols=2, fontsize=9, frameon=False)
-    save_figure(figure, out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(out, metadata={"Title": "Leakage"})
 
 
 @command("draw_leakage")
