@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -153,7 +154,7 @@ def _error_against_sinr(config: LandingConfig, rows: Sequence[Row], folder: Path
         axis.set_ylabel(label)
         axis.grid(color="0.9")
     axes[0].set_yscale("log")
-    axes[0].set_title(f"{_sent(config)}, overlap {overlap:g}", fontsize=9)
+    axes[0].set_title(fill(f"{_sent(config)}, overlap {overlap:g}", 55), fontsize=9)
     axes[1].set_xlabel("SINR / dB")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(
