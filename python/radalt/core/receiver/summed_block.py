@@ -9,7 +9,7 @@ from scipy import ndimage, signal
 
 from .integrator import Integrator, upper_median
 
-__all__ = ["OWN_CELLS", "Block", "Entry", "Measurement"]
+__all__ = ["CLEAR", "OWN_CELLS", "Block", "Entry", "Measurement"]
 
 # Variance of log(1 + x) for x exponential of mean 1, by numerical integration: what one cell of noise adds per frame.
 _VARIANCE = 0.1763
@@ -47,11 +47,15 @@ OWN_CELLS = 0.35
 _ONE_SIDED_SHARE = 0.003
 # Least power over noise, linear (13 dB), and largest distance in resolution cells (3 m), of the peak by which received
 # frames show the return of the cleaned ones: interference seldom has a peak of both halves there.
-_CLEAR, _SAME_PLACE_CELLS = 20.0, 0.15
+CLEAR, _SAME_PLACE_CELLS = 20.0, 0.15
 # Fluctuation of one-sided power from frame to frame that is another return's: standard deviations of what noise gives,
 # and share of the return's power. A point at 20 m/s has .0007 at most (SNR 30 dB). A share of .01 or more would let a
 # return 20 dB weaker pass both tests: what fluctuates by less than the share still hides its mean.
 _FLUCTUATION_SIGMAS, _FLUCTUATION_SHARE = 3.0, 0.005
+# Ground whose power falls off linearly or faster, with powers that add, pulls by up to 0.86 resolution cells times the
+# fourth root of its deviation (two equal returns: 0.62). The protection level takes three cells times the square root
+# of `Block.shape_deviation`, so this is (0.86 / 3)^2.
+_POWERS_ADD = 0.082
 _MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
@@ -75,6 +79,9 @@ class Measurement:
         Row of the joint table, for the speed by which frames were moved.
     altitude_speed_covariance : float
         In m m/s; the halves' errors differ, and each goes into both.
+    fluctuation_m2 : float
+        Variance of the altitude beyond that of noise, by how the peak moves from frame to frame: the facets of extended
+        ground interfere anew in each.
     """
 
     altitude_m: float
@@ -86,6 +93,7 @@ class Measurement:
     power: float
     row: int
     altitude_speed_covariance: float = 0.0
+    fluctuation_m2: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -237,12 +245,16 @@ class Block:
         t = self.tables
         k = int(t.rows[entry.row, 0])
         power, floor, slope = self._sums(k)
-        fine, variance, over = np.empty(2), np.empty(2), np.empty(2)
+        frames = self._aligned(k)
+        fine, variance, over, moves = np.empty((4, 2))
         for half in range(2):
             peak = self._peak(power[half], floor[half], slope[half], entry.cells[half])
             if peak is None:
                 return None
-            fine[half], variance[half], over[half] = peak
+            fine[half], variance[half], over[half], curvature = peak
+            at = round(fine[half])
+            slopes = frames[:, half, at + 1] - frames[:, half, at - 1]
+            moves[half] = self.count * float(slopes.var()) / curvature**2
         up, down = (float(t.beat_hz[0] + t.cell_hz * f) for f in fine)
         hz2 = float(variance.sum()) * t.cell_hz**2
         w = t.waveform
@@ -254,6 +266,7 @@ class Block:
             altitude_variance_m2=hz2 * per_hz[0] ** 2,
             speed_variance_m2_per_s2=hz2 * per_hz[1] ** 2,
             altitude_speed_covariance=apart_hz2 * per_hz[0] * per_hz[1],
+            fluctuation_m2=max(0.0, float((moves - variance).sum())) * (t.cell_hz * per_hz[0]) ** 2,
             strength=entry.strength,
             cells=fine,
             power=float(over.mean()),
@@ -262,8 +275,8 @@ class Block:
 
     def _peak(
         self, power: np.ndarray, floor: float, slope: float, cell: int
-    ) -> tuple[float, float, float] | None:
-        """Position of the peak next to a cell, its variance, in cells, and its power over noise; None without one."""
+    ) -> tuple[float, float, float, float] | None:
+        """Position of the peak next to a cell, its variance, in cells; power over noise; curvature; None without it."""
         cell = self._climb(power, cell)
         left, here, right = power[cell - 1 : cell + 2]
         curvature = 2.0 * here - left - right
@@ -276,6 +289,7 @@ class Block:
             cell + float(np.interp((right - left) / curvature, *self.tables.peak_curve)),
             float(variance),
             over,
+            float(curvature),
         )
 
     def moved_since(self, found: Measurement) -> tuple[float, float]:
@@ -365,9 +379,7 @@ class Block:
         here = self.measure(Entry(0.0, 0.0, tuple(round(c) for c in found.cells), 0.0, found.row))
         apart = _SAME_PLACE_CELLS * self.tables.resolution_cells
         return (
-            here is not None
-            and here.power >= _CLEAR
-            and bool(np.abs(here.cells - found.cells).max() <= apart)
+            here is not None and here.power >= CLEAR and bool(np.abs(here.cells - found.cells).max() <= apart)
         )
 
     def lobe_from_beyond(self, found: Measurement) -> bool:
@@ -448,7 +460,7 @@ class Block:
         mirrored = 0.5 * sum(_at(frames[:, h], found.cells[h] - steps) for h in range(2))
         excess = here - mirrored
         level = 0.5 * float(self._sums(k)[1].sum()) / self.count
-        peak = found.power * level
+        peak = self.power_at(found) * level
         fluctuation = signal.detrend(excess, axis=0).std(axis=0, ddof=2)
         over = np.maximum(here, mirrored).mean(axis=0)
         # standard deviation of one frame's excess for a constant line in noise
@@ -468,7 +480,9 @@ class Block:
         """How far a return's peak deviates from a point's: share of its energy within a resolution cell, 0..1.
 
         What the frames' own noise may add is taken off, twice its mean. A second return within the main lobe deviates
-        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance.
+        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance. Where
+        frames deviate more from each other than their mean does from a point, phases turn within the block and powers
+        add, as over extended ground: a deviation counts as the smaller one that pulls as far then.
         """
         t = self.tables
         frames = self._aligned(int(t.rows[found.row, 0]))
@@ -477,11 +491,16 @@ class Block:
         shares = np.empty(2)
         for half, at in enumerate(found.cells):
             cells = np.clip(round(at) + np.arange(-reach, reach + 1), 0, frames.shape[2] - 1)
-            power = frames[:, half, cells].mean(axis=0) - level[half]
+            over = frames[:, half, cells] - level[half]
             point = np.interp(cells - at, *t.point_shape)
-            rest = power - float(power @ point / (point @ point)) * point
-            noise = float(frames[:, half, cells].var(axis=0).sum()) / max(1, self.count - 1)
-            shares[half] = max(0.0, float(rest @ rest) - 2.0 * noise) / max(float(power @ power), 1e-12)
+            rest = over - np.outer(over @ point / (point @ point), point)
+            power, deviates, spread = over.mean(axis=0), rest.mean(axis=0), float(rest.var(axis=0).sum())
+            energy = max(float(power @ power), 1e-12)
+            share = float(deviates @ deviates) / energy
+            shares[half] = max(0.0, share - 2.0 * spread / energy / max(1, self.count - 1))
+            noise = float(np.sum(level[half] * (2.0 * power + level[half])))
+            if spread - noise > share * energy:
+                shares[half] = min(shares[half], _POWERS_ADD * np.sqrt(shares[half]))
         return min(1.0, float(shares.mean()))
 
     def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:
