@@ -74,7 +74,7 @@ class Kalman:
         rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[:n]
         # errors of altitude and Doppler, if the altitude is off by one standard deviation
         pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)
-        noise[0, 0] += found.fluctuation_m2
+        noise[0, 0] += found.fluctuation_m2  # new in every frame, so its sign does not last
         gain = self.covariance @ rows.T @ _inverse(rows @ self.covariance @ rows.T + noise)
         self.mean = self.mean + gain @ rest
         self.pulled = self.pulled + gain @ (pull - rows @ self.pulled)
