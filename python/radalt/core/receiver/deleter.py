@@ -8,7 +8,7 @@ import numpy as np
 
 from .gate import Gate
 from .scan import Scan
-from .summed_block import CLEAR, OWN_CELLS, Measurement
+from .summed_block import OWN_CELLS, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
@@ -105,8 +105,5 @@ class Deleter:
         width_m = min(max(_PLACE_SIGMAS * sigma_m, _LEAST_PLACE_CELLS * cell_m), _MOST_PLACE_CELLS * cell_m)
         if abs(apart_m) <= OWN_CELLS * cell_m and not self.gate.near_speed(track, found):
             return True
-        before = scan.received
-        # behind a method lobes fluctuate with the interference; frames as received that would show the old return do
-        expected = before.power_at(found) * track.latest.power / max(found.power, 1e-12)
-        blocks = (before,) if expected >= CLEAR else (scan.block, before)
+        blocks = (scan.block,) if scan.sum_received is None else (scan.block, scan.received)
         return any(b.stands_beside(found, apart_m / t.cell_m, width_m / t.cell_m) for b in blocks)

@@ -9,7 +9,7 @@ from scipy import ndimage, signal
 
 from .integrator import Integrator, upper_median
 
-__all__ = ["CLEAR", "OWN_CELLS", "Block", "Entry", "Measurement"]
+__all__ = ["OWN_CELLS", "Block", "Entry", "Measurement"]
 
 # Variance of log(1 + x) for x exponential of mean 1, by numerical integration: what one cell of noise adds per frame.
 _VARIANCE = 0.1763
@@ -47,7 +47,7 @@ OWN_CELLS = 0.35
 _ONE_SIDED_SHARE = 0.003
 # Least power over noise, linear (13 dB), and largest distance in resolution cells (3 m), of the peak by which received
 # frames show the return of the cleaned ones: interference seldom has a peak of both halves there.
-CLEAR, _SAME_PLACE_CELLS = 20.0, 0.15
+_CLEAR, _SAME_PLACE_CELLS = 20.0, 0.15
 # Fluctuation of one-sided power from frame to frame that is another return's: standard deviations of what noise gives,
 # and share of the return's power. A point at 20 m/s has .0007 at most (SNR 30 dB). A share of .01 or more would let a
 # return 20 dB weaker pass both tests: what fluctuates by less than the share still hides its mean.
@@ -118,6 +118,11 @@ def _at(rows: np.ndarray, cells: np.ndarray) -> np.ndarray:
         (x + 1) * x * (x - 1) / 6,
     )
     return sum(weight * rows[:, whole + k - 1] for k, weight in enumerate(weights))
+
+
+def _changing(rows: np.ndarray) -> np.ndarray:
+    """Variance over the first axis of what is new in every frame: a step or a trend within the block hardly counts."""
+    return 0.5 * np.mean(np.diff(rows, axis=0) ** 2, axis=0)
 
 
 class Block:
@@ -254,7 +259,7 @@ class Block:
             fine[half], variance[half], over[half], curvature = peak
             at = round(fine[half])
             slopes = frames[:, half, at + 1] - frames[:, half, at - 1]
-            moves[half] = self.count * float(slopes.var()) / curvature**2
+            moves[half] = self.count * float(_changing(slopes)) / curvature**2
         up, down = (float(t.beat_hz[0] + t.cell_hz * f) for f in fine)
         hz2 = float(variance.sum()) * t.cell_hz**2
         w = t.waveform
@@ -374,13 +379,16 @@ class Block:
             return mixed and other.power > found.power
         return bool(near >= 1.0 and found.power < other.power * _SIDE_LOBE_SPARE / (np.pi * near) ** 2)
 
-    def shows(self, found: Measurement) -> bool:
-        """Whether the block shows another block's return clearly: 13 dB over noise, both halves at the same place."""
-        here = self.measure(Entry(0.0, 0.0, tuple(round(c) for c in found.cells), 0.0, found.row))
-        apart = _SAME_PLACE_CELLS * self.tables.resolution_cells
-        return (
-            here is not None and here.power >= CLEAR and bool(np.abs(here.cells - found.cells).max() <= apart)
-        )
+    def shows(self, found: Measurement, least: float) -> bool:
+        """Whether the block shows another block's return clearly: ``least`` strength, 13 dB over noise, the same place.
+
+        Power alone may be interference that fills a part of the sweep in every frame.
+        """
+        t, at = self.tables, np.round(found.cells)
+        here = self.best((np.abs(t.up_cell - at[0]) <= 1) & (np.abs(t.down_cell - at[1]) <= 1))
+        if here is None or here.strength < least or here.power < _CLEAR:
+            return False
+        return bool(np.abs(here.cells - found.cells).max() <= _SAME_PLACE_CELLS * t.resolution_cells)
 
     def lobe_from_beyond(self, found: Measurement) -> bool:
         """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.
@@ -460,7 +468,7 @@ class Block:
         mirrored = 0.5 * sum(_at(frames[:, h], found.cells[h] - steps) for h in range(2))
         excess = here - mirrored
         level = 0.5 * float(self._sums(k)[1].sum()) / self.count
-        peak = self.power_at(found) * level
+        peak = found.power * level
         fluctuation = signal.detrend(excess, axis=0).std(axis=0, ddof=2)
         over = np.maximum(here, mirrored).mean(axis=0)
         # standard deviation of one frame's excess for a constant line in noise
@@ -494,7 +502,7 @@ class Block:
             over = frames[:, half, cells] - level[half]
             point = np.interp(cells - at, *t.point_shape)
             rest = over - np.outer(over @ point / (point @ point), point)
-            power, deviates, spread = over.mean(axis=0), rest.mean(axis=0), float(rest.var(axis=0).sum())
+            power, deviates, spread = over.mean(axis=0), rest.mean(axis=0), float(_changing(rest).sum())
             energy = max(float(power @ power), 1e-12)
             share = float(deviates @ deviates) / energy
             shares[half] = max(0.0, share - 2.0 * spread / energy / max(1, self.count - 1))
