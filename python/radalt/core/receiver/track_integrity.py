@@ -77,8 +77,8 @@ class Integrity:
 
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
     60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point pays
-    0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate from each
-    other (`Block.shape_deviation`).
+    0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate from
+    each other (`Block.shape_deviation`).
 
     It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
     ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep
