@@ -37,8 +37,8 @@ class Hybrid(Mitigation):
     before is tracked. Otherwise OFDM and QPSK are searched, unless the return stands out already. A frame that cannot
     be cancelled goes to the network as it is. So does one that was cancelled, but held a burst or shows no return yet:
     the network may know what error vectors hide. Where one return alone is left of it, this is the result. Otherwise
-    what the canceller left is, through the network if it is coloured or the frame held a burst: symbols that the frame
-    cuts, other emitters.
+    what the canceller left is, through the network if the frame held a burst, or if what is left is coloured and not
+    consistent with one return: symbols that the frame cuts, other emitters.
 
     Searches have a budget: each frame adds a quarter of the time that it lasts, a search spends its cost in FFTs, and
     none begins while the balance is negative. So searches take a quarter of real time, whatever is received, and
@@ -123,11 +123,15 @@ class Hybrid(Mitigation):
         burst = _has_burst(frame)
         if not burst and self._detector.return_stands_out(cancelled[None])[0]:
             return cancelled, False
-        received = self._other.process(frame[None])
-        alone = self._detector.residual_db(received)[0] < LOST_DB
-        if alone and self._returns.is_consistent(unit_peak(received)[0]):
-            return received[0], False
-        return cancelled, burst or not self._detector.white(cancelled[None])[0]
+        received = self._other.process(frame[None])[0]
+        if self._detector.residual_db(received[None])[0] < LOST_DB and self._is_consistent(received):
+            return received, False
+        done = self._detector.white(cancelled[None])[0] or self._is_consistent(cancelled)
+        return cancelled, burst or not done
+
+    def _is_consistent(self, frame: np.ndarray) -> bool:
+        """Whether one return is left of an (N,) frame; see `ReturnEstimator.is_consistent`."""
+        return self._returns.is_consistent(unit_peak(frame[None])[0])
 
     def _tracked(self, frame: np.ndarray) -> np.ndarray | None:
         """(N,) frame without the emitter of the frame before; None if there was none, or it is lost."""
