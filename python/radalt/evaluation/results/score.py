@@ -1,9 +1,9 @@
 """Score of altitudes against the truth, for every study.
 
 A *trial* is a frame of the programme. It is *detected* if the altimeter declared an altitude, *correct* if the altitude
-is within 5 m of the truth, *wrong and valid* if it is declared and not correct. A trial without detection counts against
-Pd, never against the error of detections. The error of the forced decision is over all frames that have one; an empty
-frame (silent, not finite, diverged) has none, and ``forced`` is the number of the others.
+is within 5 m of the truth, *wrong and valid* if it is declared and not correct. A trial without detection counts
+against Pd, never against the error of detections. The error of the forced decision is over all frames that have one; an
+empty frame (silent, not finite, diverged) has none, and ``forced`` is the number of the others.
 
 *Peak-to-sidelobe ratio*: the main lobe of the range profile over the strongest cell outside it, in decibels, the mean
 over forced decisions. It is 0 dB for an error of 20 m or more, where the peak is not the return.
@@ -38,7 +38,7 @@ _FT_M = 0.3048  # international foot
 
 
 def accuracy_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
-    """Accuracy an altimeter has to keep (RTCA DO-155): 3 ft below 100 ft, 3 % from 100 to 500 ft, 5 % above."""
+    """Accuracy quoted at second hand of RTCA DO-155, which was not read: 3 ft, 3 % from 100 ft, 5 % above 500 ft."""
     altitude = np.abs(np.asarray(altitude_m, dtype=float))
     share = np.where(altitude > 500.0 * _FT_M, 0.05, 0.03)
     return np.maximum(3.0 * _FT_M, share * altitude)
