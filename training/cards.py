@@ -72,7 +72,7 @@ RECIPE = {
         "at 1e-3, batches of 128, from random weights, the forward pass in bfloat16. Training ran for {epochs:.2f} "
         "epochs, not 150: 4.1 hours of a part of two busy cores without a GPU (from 4.6 epochs on with a new "
         "optimiser, from weights of 8 bits). MSE over the validation set fell to 0.114 (0.5 is nothing learned) and "
-        "stood still there from 15 epochs on. Dense layers are linear; the "
+        "stayed there from 15 epochs on. Dense layers are linear; the "
         "paper does not give the probability of dropout, 0.02 here. Weights are stored as int8 with one scale a row "
         "and widened when the file is loaded; the arithmetic is float32."
     ),
@@ -80,7 +80,7 @@ RECIPE = {
         "Strides of 5, 5 and 3 and a dense bottleneck of 256, as of the source revision; later ones have the authors' "
         "convolution-only network instead (arXiv:2410.03423, `training/networks/cnn.py`), whose weights will replace "
         "these. The paper's recipe and data, as `paper`. {epochs:.2f} epochs of 150 in 1.8 hours of a part of two busy "
-        "cores without a GPU; MSE over the validation set fell to 0.431 and stood still there (training error 0.419). "
+        "cores without a GPU; MSE over the validation set fell to 0.431 and stayed there (training error 0.419). "
         "Weights are stored as int8 with one scale a row and widened when the file is loaded."
     ),
     "fc": (
@@ -93,7 +93,7 @@ RECIPE = {
 LIMITS = {
     "tcae": (
         "Frames of 7500 samples aligned with a centred 7.5 MHz sweep at 7.5 MS/s, returns at 0-1500 m and up to "
-        "50 m/s; outside that span the output is not the return. 10 MHz NR over the whole frame fills the band "
+        "50 m/s; outside that span the output is not the return. 10 MHz NR at full overlap fills the band "
         "evenly and has no constant envelope: there it is as good as no mitigation. The modulus stage lives "
         "from an interferer of constant envelope; a fractional sample delay, a channel or another interferer on top "
         "spoil that, and the break-point then moves up to that of the other stages (row "
