@@ -30,8 +30,10 @@ def _list(text: str) -> tuple[str, ...]:
 
 
 def _feet(text: str) -> tuple[float, ...]:
-    """Altitudes in feet with commas."""
-    return tuple(number(float, 10.0, 20_000.0)(word) for word in _list(text))
+    """Altitudes in feet with commas, each once."""
+    feet = tuple(number(float, 10.0, 20_000.0)(word) for word in _list(text))
+    _list(",".join(map(str, feet)))  # 200 and 200.0 are one
+    return feet
 
 
 def _arguments(parser: Parser) -> None:
