@@ -79,7 +79,8 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     """A measured point in a line."""
     first = rows[0]
     found = ", ".join(
-        f"{r['altitude_ft']:g} ft {r['first']}" if r.get("break_dbm") is None else
+        f"{r['altitude_ft']:g} ft {'not broken' if r['first'] == 'none' else r['first']}"
+        if r.get("break_dbm") is None else
         f"{r['altitude_ft']:g} ft {r['break_dbm']:+.1f} dBm ({r['first'].split()[0]})"
         for r in rows
     )  # fmt: skip
