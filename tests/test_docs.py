@@ -289,6 +289,16 @@ def test_every_link_leads_to_a_file_and_a_heading(root):
             assert not anchor or anchor in anchors(target), f"{page.name}: {link}#{anchor}"
 
 
+def test_every_test_of_the_safety_case_exists(root):
+    """`file::test`, or `::test` of the file named before."""
+    found = re.findall(r"`(\w+\.py)?::(\w+)`", (root / "docs/hardware.md").read_text(encoding="utf-8"))
+    assert len(found) > 30
+    named = None
+    for file, test in found:
+        named = file or named
+        assert f"def {test}(" in (root / "tests" / named).read_text(encoding="utf-8"), f"{named}::{test}"
+
+
 @pytest.mark.parametrize(
     ("page", "program"),
     [("flowgraphs", "examples/first_flowgraph.py"), ("your-own", "flowgraphs/own_method.py")],
