@@ -112,7 +112,8 @@ CASES = {
     "qpsk_users": Case("QPSK, EVM 17.5 %", _nr10(0.175, modulation="qpsk")),
     "mixed": Case("users of all four constellations, EVM 3 %", _nr10(0.03, modulation="mixed")),
     "powers": Case(
-        "the same, powers within 6 dB, EVM 3 %", _nr10(0.03, modulation="mixed", power_spread_db=6.0)
+        "all four constellations, powers within 6 dB, EVM 3 %",
+        _nr10(0.03, modulation="mixed", power_spread_db=6.0),
     ),
     "load_30": Case("64QAM, EVM 3 %, 30 % of the blocks in use", _nr10(0.03, load=0.3)),
     "amplifier": Case(
