@@ -10,13 +10,7 @@ from scipy.stats import binom
 
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
-from radalt.core.mitigation.any_sweep import (
-    COLUMNS,
-    SERVED,
-    layout_of,
-    resampled,
-    tables_of,
-)
+from radalt.core.mitigation.any_sweep import COLUMNS, SERVED, layout_of, resampled, tables_of
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform

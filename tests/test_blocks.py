@@ -481,9 +481,8 @@ def test_half_a_second_waits_for_a_slow_method_then_whole_frames_are_dropped_and
     block, sink = radalt.frame_segmenter(scene, drop_when_slow=drop), Slow()
     sink.set_max_noutput_items(4)
     source = Ragged(radar, None)
-    source.set_min_output_buffer(
-        256 * N
-    )  # the radio's own ring: the segmenter is not called while the sink works
+    # the radio's own ring: the segmenter is not called while the sink works
+    source.set_min_output_buffer(256 * N)
     run(source, block, sink)
     status = block.status()
     assert status["locked"] and sink.frames + status["dropped_slow"] == status["frames"]

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from pages import assert_whole
 from scipy import stats
 
 from radalt.core.interference import QpskEmitter
@@ -118,9 +119,8 @@ def test_interference_meets_its_sir_in_every_frame_and_goes_on_between_frames():
     (_, frames, _) = next(received(case, fly(case, 1, 0, 400), 1, 0))
     np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), 30.0, atol=0.05)
     spectrum = np.abs(np.fft.fft(frames.ravel())) ** 2
-    assert (
-        np.sort(spectrum)[-10:].sum() > 0.9 * spectrum.sum()
-    )  # five lines through 40 frames, not forty times five
+    # five lines through 40 frames, not forty times five
+    assert np.sort(spectrum)[-10:].sum() > 0.9 * spectrum.sum()
     whole = QpskEmitter().samples(4 * 100, 7.5e6, np.random.default_rng(1))
     parts, rng = Continued(QpskEmitter(), 100, 4), np.random.default_rng(1)
     np.testing.assert_array_equal(np.concatenate([parts.samples(100, 7.5e6, rng) for _ in range(4)]), whole)
@@ -139,13 +139,14 @@ def test_levels_of_what_is_drawn_hold_within_a_flight_and_differ_between_flights
     assert np.ptp(levels) > 5.0
 
 
-def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, measured_here):
+def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, measured_here, browser):
     out = tmp_path / "out"
     small = ["--methods=none", "--groups=noise,spoofed_first", "--frames=400"]
     status = program.main(
         [*small, "--jobs=1", f"--out={out}", "--captures", f"--publish={tmp_path / 'docs'}"]
     )
     assert status == 0  # what is hazardous here is a stated limit
+    assert_whole(out / "report.md", browser)
     page = (tmp_path / "docs/integrity.md").read_text()
     assert (
         "**0 of 100 tracked outputs are hazardous inside the claim**" in page

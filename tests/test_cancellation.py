@@ -6,6 +6,7 @@ import cancellation
 import numpy as np
 import pytest
 from gnuradio import radalt
+from pages import assert_whole
 
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
@@ -92,10 +93,11 @@ def test_bursts_and_locked_jammers_start_anew():
         assert stream.interferers[0] is interferer
 
 
-def test_study_end_to_end(tmp_path, measured_here):
+def test_study_end_to_end(tmp_path, measured_here, browser):
     study = CancellationStudy(cases=("evm_3", "stream", "qpsk"), frames=3, seed=5, sirs_db=(-20.0, -45.0))
     assert [point.frames for point in study.points()] == [3, 3, 3]
     page = run(study, Options(tmp_path / "a", jobs=1))
+    assert_whole(page, browser)
     text = page.read_text(encoding="utf-8")
     assert "64QAM, EVM 3 %" in text and "## Where it stops" in text and "## What it costs" in text
     for name in ("pd.png", "rows.csv"):

@@ -96,9 +96,8 @@ def test_a_task_that_hangs_is_ended_with_one_line_and_its_worker_goes_on(dask, t
     with pytest.raises(WorkerError, match=r"^coin 0\.97: not done after 1 s; raise the time limit"):
         run(Coins(hang="coin 0.97"), on(dask, tmp_path / "hangs", time_limit_s=1.0))
     run(Coins(), on(dask, tmp_path / "goes on"))
-    wait_for(
-        lambda: not measuring(dask), "an end of all measuring"
-    )  # nothing of either run is left on the workers
+    # nothing of either run is left on the workers
+    wait_for(lambda: not measuring(dask), "an end of all measuring")
 
 
 def test_what_a_dead_worker_was_measuring_is_measured_by_another(dask, tmp_path):
@@ -117,9 +116,8 @@ def test_what_a_dead_worker_was_measuring_is_measured_by_another(dask, tmp_path)
 
 def measuring(dask) -> list[int]:
     """Processes that measure beside the workers."""
-    nannies = {
-        w.pid for w in dask.workers if "--no-nanny" not in w.args
-    }  # a worker is a process of its nanny
+    # a worker is a process of its nanny
+    nannies = {w.pid for w in dask.workers if "--no-nanny" not in w.args}
     found = []
     for page in Path("/proc").glob("[0-9]*/cmdline"):
         try:

@@ -192,9 +192,8 @@ def test_shaped_qpsk_behind_its_matched_filter_has_the_evm_asked_for(evm):
     from radalt.core.interference.emitters.qpsk import rrc_taps
 
     wanted = 0.175 / 2 if evm == "typical" else evm
-    emitter = QpskEmitter(
-        bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm
-    )  # 4 samples a symbol
+    # 4 samples a symbol
+    emitter = QpskEmitter(bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm)
     samples = emitter.samples(80_000, RATE_HZ, np.random.default_rng(5))
     matched = np.convolve(samples, rrc_taps(0.5, 4, 48), mode="valid")
     best = min(measured_evm(matched[timing::4]) for timing in range(4))
@@ -292,9 +291,8 @@ def test_amplified_5g_demodulates_with_the_evm_of_the_series():
     inner = np.abs(np.fft.fftfreq(spectra.shape[1])) < width / 9.36 * 3.0
     power = orders(amplifier)
     expected = power[1:] @ spectra[1:, inner].sum(axis=1) / (power[0] * spectra[0, inner].sum())
-    assert np.sqrt(evm2) == pytest.approx(
-        np.sqrt(expected), rel=0.06
-    )  # not quite Gaussian: 624 subcarriers of 64QAM
+    # not quite Gaussian: 624 subcarriers of 64QAM
+    assert np.sqrt(evm2) == pytest.approx(np.sqrt(expected), rel=0.06)
     assert emitter.period(RATE_HZ, amplifier)[0] is received  # once, whatever the number of frames
 
 

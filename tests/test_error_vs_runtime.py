@@ -5,6 +5,7 @@ import json
 import error_vs_runtime
 import numpy as np
 import pytest
+from pages import assert_whole
 
 from radalt.evaluation.results.chain import Chain
 from radalt.studies.runtime import study as runtime
@@ -51,7 +52,7 @@ def report(tmp_path_factory):
 
 
 @pytest.mark.timeout(300)  # a process per chain, for its memory
-def test_command_writes_the_whole_report(report):
+def test_command_writes_the_whole_report(report, browser):
     data = json.loads((report / "run" / "report.json").read_text())
     by = {s["chain"]: s for s in data["summary"]}
     assert by["none"]["clean"]["pd"] == 1.0
@@ -66,6 +67,7 @@ def test_command_writes_the_whole_report(report):
     assert set(data["fronts"]) == {"pooled", "QPSK rectangular, 30 %", TONES}
     assert all(s["memory_bytes"] >= 0 for s in data["summary"])
     assert (report / "run" / "figures" / "error_vs_runtime.png").stat().st_size > 20_000
+    assert_whole(report / "run/report.md", browser)
     text = (report / "run" / "report.md").read_text()
     assert "## Pareto fronts" in text and "| whitening |" in text
     assert ".venv/bin/python flowgraphs/error_vs_runtime.py --models --interferers" in text

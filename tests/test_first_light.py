@@ -193,9 +193,7 @@ def test_a_bundle_is_shown_and_its_captures_replay(bundle, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "altitudes right at 300 m" in printed and "0 failed" in printed
     rows = score_recording(
-        tmp_path / "read/captures/altitudes.sigmf-meta",
-        tmp_path / "score",
-        methods=["none"],
+        tmp_path / "read/captures/altitudes.sigmf-meta", tmp_path / "score", methods=["none"]
     )
     assert rows[0]["pd"] == 1.0 and rows[0]["trials"] == 24
 

@@ -225,9 +225,8 @@ def test_description_renders_to_valid_python_that_fits_the_class(path, platform)
         inspect.signature(method).bind(None, *called.args, **{k.arg: None for k in called.keywords})
     assert block.category[0] == "[RadAlt]" or "RadAlt" in str(block.category)
     text = " ".join(block.documentation.get("", "").lower().split())
-    for parameter in yaml.safe_load(path.read_text(encoding="utf-8"))[
-        "parameters"
-    ]:  # the block's page explains each
+    # the block's page explains each
+    for parameter in yaml.safe_load(path.read_text(encoding="utf-8"))["parameters"]:
         assert parameter["label"].partition(" (")[0].lower() in text, parameter["label"]
     assert ast.parse(block.templates.render("imports"))
 

@@ -109,11 +109,7 @@ def test_a_limit_of_file_sizes_is_one_line_that_names_the_file(tmp_path, monkeyp
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [
-        (gallery, "x.png"),
-        (make_recording, "x.sigmf-meta"),
-        (make_recording, "x.sigmf-data"),
-    ],
+    [(gallery, "x.png"), (make_recording, "x.sigmf-meta"), (make_recording, "x.sigmf-data")],
 )
 def test_what_a_command_has_not_written_is_kept(module, name, tmp_path):
     (tmp_path / name).write_text("mine")

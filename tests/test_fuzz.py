@@ -361,9 +361,8 @@ def spoil(path: Path, kind: str, at: float, length: int, salt: bytes, values: li
     elif kind == "lines":
         path.write_bytes(b"".join(lines[k % len(lines)] for k in order))
     elif kind == "values":
-        with contextlib.suppress(
-            TypeError, ValueError, RecursionError
-        ):  # of a table, or after another change
+        # of a table, or after another change
+        with contextlib.suppress(TypeError, ValueError, RecursionError):
             whole = json.loads(data) if path.name == "run.json" else [json.loads(line) for line in lines]
             ways = [p for p in places(whole) if p]
             whole = changed(whole, [(ways[k % len(ways)], value) for k, value in values])

@@ -343,13 +343,8 @@ FOREIGN = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_hostile_method_file_gets_one_line_from_the_plan(name, tmp_path, monkeypatch):
     monkeypatch.setattr(rehearsal, "LIMIT_S", 30.0 if "loop" not in name else 3.0)
-    if name in (
-        "exit",
-        "NaN",
-        "recursion",
-        "nul",
-        "long",
-    ):  # what raises has its line without a rehearsal, too
+    # what raises has its line without a rehearsal, too
+    if name in ("exit", "NaN", "recursion", "nul", "long"):
         monkeypatch.setenv("RADALT_REHEARSAL", "1")
     path = tmp_path / "m.py"
     path.write_text(FOREIGN[name][0])

@@ -87,9 +87,8 @@ def test_profile_exceeds_the_threshold_where_the_altimeter_detects():
     crossed = (power_db > threshold_db).any(axis=1)
     valid = altimeter.process(frames)["valid"]
     assert 0.3 < valid.mean() < 0.8
-    assert (
-        np.mean(crossed == valid) > 0.95
-    )  # between cells the curves are interpolated, so the edge is not exact
+    # between cells the curves are interpolated, so the edge is not exact
+    assert np.mean(crossed == valid) > 0.95
     assert crossed[3::4].all() and not crossed[0::4].all()
 
 

@@ -19,13 +19,7 @@ from radalt.core.returns.point import point_return
 from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, save_as_companion
-from radalt.evaluation.flowgraph.rewrite import (
-    from_recording,
-    load_grc,
-    prune,
-    simulate,
-    with_chain,
-)
+from radalt.evaluation.flowgraph.rewrite import from_recording, load_grc, prune, simulate, with_chain
 from radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
 from radalt.evaluation.flowgraph.watch import run_to_end
 
@@ -81,9 +75,8 @@ def test_class_of_a_file_keeps_its_state_until_it_is_reset(tmp_path):
         "        return batch * self.seen\n"
     )
     custom = create("custom", W, file=method(tmp_path, source))
-    np.testing.assert_array_equal(
-        custom.process(FRAMES[:1]), FRAMES[:1]
-    )  # the check on loading left no trace
+    # the check on loading left no trace
+    np.testing.assert_array_equal(custom.process(FRAMES[:1]), FRAMES[:1])
     np.testing.assert_array_equal(custom.process(FRAMES[:2]), FRAMES[:2] * 3)
     custom.reset()
     np.testing.assert_array_equal(custom.process(FRAMES[:1]), FRAMES[:1])

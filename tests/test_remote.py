@@ -225,9 +225,8 @@ def test_a_message_of_many_parts_is_bounded_in_all_of_them(bench, parts):
 def test_a_message_without_end_takes_no_memory(bench):
     """libzmq gathers all parts of a message, however many, before anybody sees them; the connection is cut instead."""
     control = bench.start()
-    part = (
-        b"\x03" + (60_000).to_bytes(8, "big") + b"x" * 60_000
-    )  # ZMTP 3.0 (RFC 23): a long frame, more to come
+    # ZMTP 3.0 (RFC 23): a long frame, more to come
+    part = b"\x03" + (60_000).to_bytes(8, "big") + b"x" * 60_000
     with socket.socket(socket.AF_UNIX) as peer:
         peer.connect(bench.address())
         peer.sendall(b"\xff" + b"\x00" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + b"\x00" * 32)

@@ -47,9 +47,8 @@ def test_empty_scene_is_the_paper_waveform_in_noise():
 
 def test_every_section_arrives_where_it_belongs():
     scene = parse_scene(full())
-    assert (
-        scene.waveform.rate_hz == 7.5e6 and scene.waveform.carrier_hz == 4.25e9
-    )  # YAML 1.1 reads these as text
+    # YAML 1.1 reads these as text
+    assert scene.waveform.rate_hz == 7.5e6 and scene.waveform.carrier_hz == 4.25e9
     assert (
         scene.altitude.programme_m == (800.0, 20.5) and scene.altitude.programme.total_frames == 9 + 6 + 8 + 2
     )

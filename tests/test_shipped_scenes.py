@@ -88,10 +88,7 @@ def test_faa_mask_keeps_its_level_through_multipath():
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(
-    ("name", "altitudes"),
-    [("mixture", "100,30"), ("faa_mask", "30")],
-)
+@pytest.mark.parametrize(("name", "altitudes"), [("mixture", "100,30"), ("faa_mask", "30")])
 def test_evaluation_of_the_scene_ends_in_a_report_with_a_figure(root, tmp_path, name, altitudes):
     out = tmp_path / name
     words = f"--sim --scene {name} --overlap 0.6 --altitudes {altitudes} --frames 2 --methods none,whitening --jobs 1"

@@ -5,6 +5,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from pages import assert_whole
 
 from radalt.core.interference.placement import interference_frames
 from radalt.core.mitigation import create
@@ -190,7 +191,7 @@ def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
 
 
 @pytest.mark.timeout(300)
-def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path, measured_here):
+def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path, measured_here, browser):
     study = StabilityStudy(compared_chains(["none"]), ("numbers",), ("none",))
     points = study.points()
     assert len({p.name for p in points}) == len(points)
@@ -208,5 +209,6 @@ def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path, measured_
     lines = (tmp_path / "rows.csv").read_text().splitlines()
     assert [line.split(",")[1] for line in lines[1:3]] == ["all zeros", "a constant"]
     assert len(lines) == 1 + len(list(cases.number_cases()))
+    assert_whole(page, browser)
     text = page.read_text()
     assert "Nothing." in text and "a process of 2 threads" in text and "[rows.csv](rows.csv)" in text

@@ -309,9 +309,8 @@ def test_untagged_loss_is_noticed_and_never_a_shifted_altitude(seed, span):
     assert run.segmenter.counters["lock_losses"] >= 1
     assert run.segmenter.counters["unlocked_frames"] >= 1
     assert any(run.unlocked)
-    if (
-        span[1] <= 5000
-    ):  # a section two frames off is still found; longer losses name themselves by rx_time only
+    # a section two frames off is still found; longer losses name themselves by rx_time only
+    if span[1] <= 5000:
         assert index.size > 100
         assert run.segmenter.counters["acquisitions"] >= 2
 
