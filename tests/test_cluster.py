@@ -13,9 +13,10 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+import ota_eval
 import pytest
+from hostile import draw_nothing, ended, measure_here
 from test_engine import Coins, rows_of
-from test_ota_eval import run as run_program
 from test_ota_eval import stable, start
 from waiting import end_of, wait_for, written
 
@@ -248,8 +249,10 @@ def sweep(tmp_path_factory):
     folder = tmp_path_factory.mktemp("only_here")
     (folder / "own.py").write_text(OWN, encoding="utf-8")
     options = [*SWEEP, "--method-file", folder / "own.py"]
-    code, _, err = run_program(*options, "--out", folder / "run", "--jobs", 1)
-    assert code == 0, err
+    with pytest.MonkeyPatch.context() as patch:
+        draw_nothing(patch)
+        measure_here(patch)
+        assert ended(ota_eval.main, "--sim", *options, "--out", folder / "run", "--jobs", 1) == (0, "")
     return options, folder / "run"
 
 
@@ -265,7 +268,7 @@ def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
     wait_for(lambda: not measuring(dask), "an end of all measuring")
 
 
-def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep, tmp_path):
+def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep, tmp_path, undrawn):
     options, whole = sweep
     process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.file)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
@@ -273,6 +276,6 @@ def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep,
     _, err = end_of(process)
     assert process.returncode == 2
     assert err.startswith(f"ota_eval: the scheduler at {dask.address} was lost") and err.count("\n") == 1
-    code, _, err = run_program(*options, "--out", tmp_path / "run", "--resume", "--jobs", 2)
-    assert (code, err) == (0, "")
+    words = ("--sim", *options, "--out", tmp_path / "run", "--resume", "--jobs", 2)
+    assert ended(ota_eval.main, *words) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)

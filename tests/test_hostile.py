@@ -484,7 +484,7 @@ def test_a_disk_full_of_a_capture_is_one_line(tmp_path):
 # -- files that change under a run ------------------------------------------------------------------
 
 
-def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch):
+def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch, undrawn):
     """The run is of the scene that it read, and says so; another content is another run."""
     scene, out = tmp_path / "it.yaml", tmp_path / "run"
     text = "seed: 5\nmethods: [none]\naltitude: {frames: 2}\nsweep: {overlap: [0]}\n"

@@ -116,7 +116,7 @@ def test_break_points_are_where_pd_falls_through_nine_tenths_of_the_ceiling(root
     assert found["low_db"] < found["sir_db"] < found["high_db"]
 
 
-def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measured_here):
+def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measured_here, undrawn):
     """ADS-B state vectors over the shipped ground: GNSS altitudes, 25 ft steps, a row on the ground."""
     rows = ["time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude"]
     for k in range(25):

@@ -80,7 +80,7 @@ def head_of(scene, methods=METHODS):
     return head | {"methods": methods, "versions": {"radalt": "0"}}
 
 
-def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
+def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
     """All was measured at -10 dB; at -28 dB the timing was not acquired."""
     scene = scene_of()
     lost = Score(lost=scene.altitude.programme.trial_frames)
@@ -230,7 +230,7 @@ def test_the_report_says_all_that_it_has_to(whole):
     assert "placeholder" not in text
 
 
-def test_a_placeholder_model_is_said_and_names_from_a_scene_stay_text(tmp_path):
+def test_a_placeholder_model_is_said_and_names_from_a_scene_stay_text(tmp_path, undrawn):
     methods = METHODS | {"tcae": METHODS["tcae"] | {"placeholder": True}}
     out = finished(tmp_path / "a", scene_of(name="<b>&case"), methods, whole=True)
     text = (out / "report.md").read_text(encoding="utf-8")
@@ -288,7 +288,7 @@ def test_a_longer_run_of_one_seed_is_not_independent(tmp_path):
         collect([a, b], tmp_path / "all")
 
 
-def test_a_run_that_occurs_twice_counts_once(tmp_path):
+def test_a_run_that_occurs_twice_counts_once(tmp_path, undrawn):
     a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of())
     _, notes = collect([a, b, a], tmp_path / "all")
     pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
@@ -378,7 +378,7 @@ def test_a_strangers_report_has_bounds(tmp_path):
             collect([edit(folder, rows=[rows[0] | {key: value} for value in values])], tmp_path / "all")
 
 
-def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
+def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path, undrawn):
     with pytest.raises(PoolError, match="schema is 1, this program reads 2"):
         collect([edit(finished(tmp_path / "a", scene_of()), schema=1)], tmp_path / "all")
     RunFolder(tmp_path / "b", head_of(scene_of())).close()
@@ -391,7 +391,7 @@ def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
         collect([tmp_path / "all"], tmp_path / "again")
 
 
-def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
+def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path, undrawn):
     a = finished(tmp_path / "a", scene_of())
     # the simulated channel says nothing about a run on the air
     noisy = dataclasses.replace(scene_of().channel, adc_bits=12)
