@@ -20,8 +20,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
-# `radalt` and `gnuradio.radalt` from python/, programs as modules from flowgraphs/ and tools/.
-sys.path[:0] = [str(ROOT / "python"), str(ROOT / "flowgraphs"), str(ROOT / "tools")]
+# `radalt` and `gnuradio.radalt` from python/, programs as modules from the other folders.
+sys.path[:0] = [str(ROOT / name) for name in ("python", "flowgraphs", "tools", "training")]
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
+from radalt.core.receiver.cfar import Cfar
 from radalt.core.receiver.cramer_rao import altitude_crb_m, vertical_speed_crb_m_per_s
 from radalt.core.receiver.decimator import Decimator
+from radalt.core.receiver.sweep_pairing import PairSearch
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
@@ -343,9 +345,6 @@ def test_error_is_the_cramer_rao_bound_at_every_allowed_speed(speed):
 
 def test_the_pair_is_the_best_of_all_that_the_speeds_allow():
     """Brute force over all pairs of points, two per cell, and over the rivals beyond a main lobe."""
-    from radalt.core.receiver.cfar import Cfar
-    from radalt.core.receiver.sweep_pairing import PairSearch
-
     rng = np.random.default_rng(32)
     for apart in ((0, 0), (-3, 3), (-9, 9), (2, 5), (-7, -4), (-60, 60)):
         value = rng.exponential(size=(20, 2, 40)).astype(np.float32) ** 2

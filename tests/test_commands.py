@@ -15,7 +15,7 @@ from waiting import ran, ran_python
 
 from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine import estimate as estimates
-from radalt.evaluation.programs import programs
+from radalt.evaluation.programs import main, programs
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]
@@ -242,7 +242,5 @@ def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
 
 
 def test_a_command_that_is_nearly_one_is_named(capsys):
-    from radalt.evaluation import programs
-
-    assert programs.main(["evla"]) == 2
+    assert main(["evla"]) == 2
     assert capsys.readouterr().err == "radalt: no command 'evla'; did you mean 'eval'?\n"

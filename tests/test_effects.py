@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 from scipy.special import eval_genlaguerre, j0
+from test_nr import demodulate
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.amplifier import Amplifier
 from radalt.core.interference.effects import ImpairedEmitter, Impairments, Oscillator, PhaseNoise, Running
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.qpsk import rrc_taps
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
+from radalt.core.interference.nr_grid import resource_grid
 from radalt.core.interference.stream import Continued, JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.core.waveform import Waveform
@@ -189,8 +192,6 @@ def test_qpsk_demodulated_has_the_evm_asked_for(evm):
 
 @pytest.mark.parametrize("evm", [0.05, "typical"])
 def test_shaped_qpsk_behind_its_matched_filter_has_the_evm_asked_for(evm):
-    from radalt.core.interference.emitters.qpsk import rrc_taps
-
     wanted = 0.175 / 2 if evm == "typical" else evm
     # 4 samples a symbol
     emitter = QpskEmitter(bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm)
@@ -272,10 +273,6 @@ def test_amplifier_distorts_a_gaussian_band_as_the_series_of_its_orders_says(bac
 
 
 def test_amplified_5g_demodulates_with_the_evm_of_the_series():
-    from test_nr import demodulate
-
-    from radalt.core.interference.nr_grid import resource_grid
-
     amplifier = Amplifier(backoff_db=5.0)
     emitter = NrEmitter(channel_bandwidth_hz=10e6, modulation="64qam", ssb_indices=(), pdcch_load=1.0)
     sent = resource_grid(emitter, np.random.default_rng(emitter.seed)).values

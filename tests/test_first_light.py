@@ -13,6 +13,7 @@ import yaml
 from radalt.core.radio.interlock import InterlockError
 from radalt.core.scene import parse_scene
 from radalt.evaluation.commands import first_light as command
+from radalt.evaluation.flowgraph.replay import score_recording
 from radalt.evaluation.radios import first_light_bundle as bundles
 from radalt.evaluation.radios import hardware
 from radalt.evaluation.radios.first_light import Bench, perform
@@ -187,8 +188,6 @@ def test_a_bundle_holds_all_that_comes_back_and_no_serial(bundle):
 
 
 def test_a_bundle_is_shown_and_its_captures_replay(bundle, tmp_path, capsys):
-    from radalt.evaluation.flowgraph.replay import score_recording
-
     assert command.main(["--read", str(bundle), "--out", str(tmp_path / "read")]) == 0
     printed = capsys.readouterr().out
     assert "altitudes right at 300 m" in printed and "0 failed" in printed

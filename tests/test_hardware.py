@@ -9,8 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import ota_eval
 import pytest
 import uhd_double
+import yaml
 from gnuradio import blocks, gr, radalt
 
 from radalt.core.radio.calibration import (
@@ -302,9 +304,6 @@ def test_a_radio_without_a_serial_is_not_calibrated(tmp_path):
 
 
 def test_check_prints_the_plan_and_fails_where_the_interlock_would(tmp_path, capsys):
-    import ota_eval
-    import yaml
-
     scene = tmp_path / "bench.yaml"
     scene.write_text(yaml.safe_dump({"radio": RADIO}))
     assert ota_eval.main(["--check", "--scene", str(scene)]) == 0

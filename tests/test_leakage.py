@@ -3,8 +3,10 @@
 import dataclasses
 
 import numpy as np
+import pmt
 import pytest
 
+from radalt.blocks.frame_segmenter import frame_segmenter
 from radalt.core.channel.settings import ChannelSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.parsing import InputError
@@ -159,9 +161,6 @@ def test_what_a_fit_leaves_of_a_ground_stands_elsewhere_and_not_from_100_m_on():
 
 
 def test_block_learns_from_a_trackers_outputs_and_not_at_power_up_near_the_ground():
-    pmt = pytest.importorskip("pmt")
-    from radalt.blocks.frame_segmenter import frame_segmenter
-
     block = frame_segmenter(SCENE)
     canceller = block.segmenter._leakage.canceller
 

@@ -10,15 +10,18 @@ import threading
 from dataclasses import dataclass
 
 import numpy as np
+import pmt
 import pytest
+from gnuradio import blocks, gr, radalt
 
+from radalt.blocks._frames import time_tag
 from radalt.core.channel.settings import ChannelSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.placement import interference_frames
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.segmenter import Frame, FrameSegmenter
-from radalt.core.scene import load_scene
+from radalt.core.scene import load_scene, parse_scene
 from radalt.core.waveform import Waveform
 
 W = Waveform()
@@ -300,12 +303,6 @@ class TestThroughTheBlock:
 
     @pytest.mark.parametrize("seed", range(BLOCK_STREAMS))
     def test_no_random_loss_leaves_an_altitude_wrong_in_silence(self, seed):
-        import pmt
-        from gnuradio import blocks, gr, radalt
-
-        from radalt.blocks._frames import time_tag
-        from radalt.core.scene import parse_scene
-
         stream = random_stream(10_000 + seed)
         p = stream.programme
         altitude = {"programme_m": list(p.altitudes_m), "frames": p.frames_per_step}

@@ -6,7 +6,7 @@ import dted
 import numpy as np
 import pytest
 from _landing_scenario import cell_posts
-from make_landing_data import encode_dted, write_dted
+from make_landing_data import encode_dted, main, write_dted
 
 from radalt.core.returns.terrain import VOID_M, DtedCell, Terrain, TerrainError
 
@@ -51,9 +51,7 @@ def test_bytes_of_a_record_are_sign_magnitude_with_a_byte_sum():
 
 
 def test_shipped_files_are_what_the_command_writes(tmp_path, root):
-    import make_landing_data
-
-    assert make_landing_data.main(["--out", str(tmp_path)]) == 0
+    assert main(["--out", str(tmp_path)]) == 0
     shipped = root / "flowgraphs" / "landing"
     names = sorted(p.name for p in tmp_path.iterdir())
     assert len(names) == 5
