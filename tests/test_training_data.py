@@ -9,7 +9,7 @@ import evaluate
 import interferers
 import numpy as np
 import pytest
-from waiting import ran_python
+from hostile import assert_refused, ended
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
@@ -124,17 +124,10 @@ def test_a_method_leaves_a_case_after_two_levels_at_which_it_has_failed(root, mo
     assert [evaluate.COLUMNS.row(row) for row in study.measure(point)] == rows
 
 
-def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
+def test_the_evaluation_writes_its_folder_and_resumes(tmp_path, measured_here):
     out = tmp_path / "out"
-    words = "--methods none,whitening --trials 0 --clean-trials 3".split()
-    environment = {"PYTHONPATH": str(root / "python"), "PATH": "", "OMP_NUM_THREADS": "1"}
-
-    def run(*more):
-        command = (root / "training/evaluate.py", "--out", out, *words, *more)
-        done = ran_python(*command, limit_s=150, env=environment)
-        return done.returncode, done.stderr
-
-    assert run() == (0, "")
+    words = "--methods none,whitening --trials 0 --clean-trials 3 --jobs 1 --out".split()
+    assert ended(evaluate.main, *words, out) == (0, "")
     report = json.loads((out / "report.json").read_text())
     rows = (out / "rows.csv").read_bytes()
     assert len(report["rows"]) == 2 * 10 and report["models"] == {}
@@ -143,10 +136,11 @@ def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
     assert "| none | 1.000" in (out / "report.md").read_text()
     journal = (out / "points.jsonl").read_bytes()
     (out / "points.jsonl").write_bytes(journal[: int(0.6 * len(journal))])
-    assert run("--resume") == (0, "")
+    assert ended(evaluate.main, *words, out, "--resume") == (0, "")
     assert (out / "rows.csv").read_bytes() == rows
-    code, error = run("--resume", "--clean-trials", "4")
-    assert code == 2 and error.count("\n") == 1 and "special_trials is 3 there and 4 here" in error
+    status, error = ended(evaluate.main, *words, out, "--resume", "--clean-trials", "4")
+    assert_refused(status, error)
+    assert "special_trials is 3 there and 4 here" in error
 
 
 # -- sweeps, frames without a return, recordings ----------------------------------------------------------------------
