@@ -20,7 +20,6 @@ from test_engine import Coins, rows_of
 from test_ota_eval import stable, start
 from waiting import end_of, wait_for, written
 
-from radalt.core.mitigation import create
 from radalt.core.parsing import InputError
 from radalt.core.scene import load_scene
 from radalt.evaluation.engine.options import Options
@@ -229,18 +228,6 @@ if "RADALT_TEST_WORKER" in os.environ:
 def mitigate(frames, waveform):
     return 0.5 * frames
 """
-
-
-def test_files_that_lie_elsewhere_change_no_method(tmp_path):
-    """The shipped network goes without a check that others get: on a worker it is a file elsewhere."""
-    scene = dataclasses.replace(load_scene("clear"), methods=("none", "tcae"))
-    study = OverlapStudy(scene)
-    measurer = cluster.Measurer(study)
-    measurer.folder = tmp_path
-    there = study.with_files(measurer._files()).scene.method_options["tcae"]
-    assert Path(there["model"]).is_relative_to(tmp_path)
-    here = create("tcae", scene.waveform).status()
-    assert create("tcae", scene.waveform, **there).status()["shift_check"] is here["shift_check"] is False
 
 
 @pytest.fixture(scope="module")

@@ -120,24 +120,6 @@ def test_no_shipped_flowgraph_has_a_transmitter_but_those():
     assert with_sinks == {"ota_b210", "ota_live"}
 
 
-def test_three_radio_blocks_share_two_devices(b210):
-    """Two B210s: radar sink and source on one serial, the jammer on the other."""
-    by_name = {block["name"]: block for block in b210["blocks"]}
-    address = {name: by_name[name]["parameters"]["dev_addr"] for name in UHD}
-    assert address["radar_usrp_sink"] == address["radar_usrp_source"] != address["jammer_usrp_sink"]
-    kinds = sorted(by_name[name]["id"] for name in UHD)
-    assert kinds == ["uhd_usrp_sink", "uhd_usrp_sink", "uhd_usrp_source"]
-
-
-def test_every_method_is_fed_by_the_same_segmenter(b210):
-    """comparisons are paired."""
-    fed = {sink for source, _, sink, _ in b210["connections"] if source == "frame_segmenter"}
-    mitigations = {b["name"] for b in b210["blocks"] if b["id"] in ("radalt_mitigation", "radalt_tcae")}
-    assert mitigations and fed == mitigations | {"altimeter_none"}
-    chains = {(source, sink) for source, _, sink, _ in b210["connections"] if source in mitigations}
-    assert chains == {(m, m.replace("mitigation_", "altimeter_")) for m in mitigations}
-
-
 def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
     simulated = simulate(b210)
     pruned = prune(simulated, ["none", "whitening"], jammer=False)

@@ -161,7 +161,6 @@ def one_line(capsys) -> str:
     ("arguments", "expected"),
     [
         ("--sim --overlap 1.2", "--overlap: sweep.overlap holds 1.2; overlaps have to be within 0..1"),
-        ("--sim --overlap 0:1:0", "--overlap"),
         ("--sim --sir-db loud", "--sir-db holds 'loud'; expected numbers"),
         ("--sim --methods none,magic", "methods names 'magic'; allowed: none, lms"),
         ("--sim --altitudes 90000", "90000 exceeds"),

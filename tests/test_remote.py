@@ -47,8 +47,6 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
         (b'{"version": 1, "command": "set", "altitude_m": 1501}', "within 0..1500"),
         (b'{"version": 1, "command": "set", "altitude_m": NaN}', "NaN is no JSON number"),
         (b'{"version": 1, "command": "set", "altitude_m": 1e400}', "altitude_m is inf"),
-        (b'{"version": 1, "command": "set", "altitude_m": 18446744073709551616}', "within 0..1500"),
-        (b'{"version": 1, "command": "set", "altitude_m": %s}' % (b"9" * 400), "within 0..1500"),
         (b'{"version": 1, "command": "set", "altitude_m": %s}' % (b"9" * 5000), "not JSON"),
         (b'{"version": 1, "command": "set", "altitude_m": 1, "altitude_m": 2}', "a key is there twice"),
         (b'{"version": true, "command": "get"}', "version is True"),

@@ -199,24 +199,6 @@ def test_ragged_chunks_give_what_one_chunk_gives_bit_for_bit(drops):
     assert ragged.counters == one.counters
 
 
-def test_what_was_lent_may_be_overwritten():
-    """Frames are views of a chunk that is lent; those that are kept, or held back, outlive it bit for bit."""
-    stream = received(Programme((800.0, 50.0), 40), 3, DropSettings())
-    expected = FrameSegmenter(W, Programme((800.0, 50.0), 40)).push(stream)
-    segmenter = FrameSegmenter(W, Programme((800.0, 50.0), 40))
-    got, views = [], 0
-    for at in range(0, stream.size, 5 * N):
-        chunk = stream[at : at + 5 * N].copy()
-        found = segmenter.push(chunk, lend=True)
-        views += sum(np.may_share_memory(f.samples, chunk) for f in found)
-        for frame in found:
-            frame.keep(chunk)
-        chunk[:] = np.nan
-        got += found
-    assert views > len(got) / 2
-    assert [f.samples.tobytes() for f in got] == [f.samples.tobytes() for f in expected]
-
-
 # -- lost samples, tagged ---------------------------------------------------------------------------------------------
 
 
