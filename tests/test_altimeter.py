@@ -283,9 +283,6 @@ def test_frames_of_another_length_are_refused():
         Altimeter(W).process(np.zeros((2, 100), np.complex64))
 
 
-# -- a band with a hole -----------------------------------------------------------------------------------------------
-
-
 def test_return_whose_middle_was_notched_is_read_at_its_peak():
     """Two slits of a sweep make side lobes nearly as high as the peak, two cells (20 m) beside it: none is taken."""
     rng = np.random.default_rng(8)

@@ -280,9 +280,6 @@ def test_impossible_leakage_is_refused(settings, said):
         ChannelSettings(**settings)
 
 
-# -- lost samples -----------------------------------------------------------------------------------------------------
-
-
 def test_gaps_are_all_there_and_what_is_left_is_untouched():
     frames, settings = 300, replace(PLAIN, drops=DropSettings(25, 100, 20_000))
     x = band_limited(frames * N).astype(np.complex64)

@@ -138,9 +138,6 @@ def test_unknown_method_is_named(b210):
         prune(b210, ["magic"], jammer=True)
 
 
-# -- GNU Radio's own compiler -----------------------------------------------------------------------------------------
-
-
 def imported(file: Path, name: str):
     """The generated module; importing it proves what validity does not."""
     spec = importlib.util.spec_from_file_location(f"generated_{name}", file)

@@ -319,9 +319,6 @@ def test_recordings(recording, tmp_path, report):
     report(fuzz(check, 100, keys, st.sampled_from([0, 0, 0, 8, 3, 72_000])), "read", "refused")
 
 
-# -- a result folder that is resumed ---------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def spoilable(tmp_path_factory):
     """A small run, its files and its rows."""
@@ -401,9 +398,6 @@ def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
         return "resumed"
 
     report(fuzz(check, 80, spoilt(), spoilt()), "resumed", "refused")
-
-
-# -- reports that are pooled ------------------------------------------------------------------------
 
 
 def test_pooled_reports(tmp_path, report):

@@ -480,9 +480,6 @@ def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path)
     assert leakage_canceller("leakage", W).calibrated
 
 
-# -- reports ----------------------------------------------------------------------------------------------------------
-
-
 def test_a_run_without_a_frame_ends_in_one_line():
     rows = [{"trials": 0, "lock_losses": 1, "pd": None}]
     with pytest.raises(FlowgraphError, match="no frame: timing not acquired"):

@@ -237,9 +237,6 @@ def test_saving_a_shipped_flowgraph_in_the_companion_changes_no_line(path, tmp_p
     assert after == before
 
 
-# -- the command line -------------------------------------------------------------------------------------------------
-
-
 def call(*command: object) -> subprocess.CompletedProcess:
     path = f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"
     return ran_python(*command, env=os.environ | {"PYTHONPATH": path})

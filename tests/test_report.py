@@ -103,9 +103,6 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
     assert "| 1 | 0 | – | – |" in page.read_text(encoding="utf-8")
 
 
-# -- scenes back to mappings --------------------------------------------------------------------------------------
-
-
 def test_the_shipped_default_is_the_papers_case():
     scene = load_scene("paper_qpsk")
     (interferer,) = scene.interference
@@ -172,30 +169,21 @@ def test_two_writers_on_one_folder_are_one_too_many(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "key"),
+    ("change", "key"),
     [
         ({"seed": 2}, "scene.seed is 1 there and 2 here"),
         ({"sweep": SweepSpec(overlap=(0.0, 0.5, 1.0), sir_db=(-10.0,))}, "scene.sweep.sir_db"),
         ({"interference": (Interferer(QpskEmitter(pulse="rrc")),)}, "scene.interference"),
-    ],
-)
-def test_resume_refuses_another_run_and_names_the_difference(tmp_path, changes, key):
-    finished(tmp_path / "a", scene_of())
-    with pytest.raises(FolderError, match=key):
-        RunFolder(tmp_path / "a", head_of(scene_of(**changes)), resume=True)
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
         ({"methods": METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}}, "methods.tcae.sha256"),
         ({"versions": {"radalt": "0", "numpy": "2.2.4"}}, "versions.numpy is None there and '2.2.4' here"),
     ],
 )
-def test_resume_refuses_another_model_of_the_same_name_and_other_versions(tmp_path, change, key):
+def test_resume_refuses_another_scene_model_or_version_and_names_the_difference(tmp_path, change, key):
     finished(tmp_path / "a", scene_of())
+    of_head = change.keys() & {"methods", "versions"}
+    head = head_of(scene_of()) | change if of_head else head_of(scene_of(**change))
     with pytest.raises(FolderError, match=key):
-        RunFolder(tmp_path / "a", head_of(scene_of()) | change, resume=True)
+        RunFolder(tmp_path / "a", head, resume=True)
 
 
 # -- report -------------------------------------------------------------------------------------------------------
@@ -250,9 +238,6 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
     only_bad = [r for r in rows_of(scene) if r["sir_db"] < -14 and r["method"] == "none"]
     assert break_points(only_bad)[0]["text"] == "\N{GREATER-THAN OR EQUAL TO} -16.0"
     assert break_points(rows_of(scene_of())) == []  # two SIRs say too little
-
-
-# -- figures ------------------------------------------------------------------------------------------------------
 
 
 def test_a_method_looks_the_same_whatever_else_is_drawn():

@@ -166,9 +166,6 @@ def test_whole_chain_of_impairments_leaves_the_altitude_within_metres():
     assert error.size == 50 and np.sqrt(np.mean(error**2)) < 1.0
 
 
-# -- chunks -----------------------------------------------------------------------------------------------------------
-
-
 def received(programme: Programme, seed: int, drops: DropSettings = DropSettings()) -> np.ndarray:  # noqa: B008 - frozen
     total = programme.total_frames + 3
     channel = SimulatedChannel(W, ChannelSettings(snr_db=15.0, drops=drops), seed=seed, frames=total)
