@@ -22,16 +22,7 @@ from radalt.evaluation.radios.first_light_steps import MEASURES
 pytestmark = pytest.mark.timeout(150)
 
 RADAR, JAMMER = "R30F4A11", "J30F4A22"
-RADIO = {
-    "radar_serial": RADAR,
-    "jammer_serial": JAMMER,
-    "enclosure": "cabled",
-    "attenuation_db": 40.0,
-    "radar_tx_gain_db": 40.0,
-    "jammer_tx_gain_db": 40.0,
-    "radar_rx_gain_db": 20.0,
-    "clock_source": "external",
-}
+RADIO = uhd_double.RADIO | {"radar_serial": RADAR, "jammer_serial": JAMMER, "jammer_tx_gain_db": 40.0}
 SCENE = {
     "radio": RADIO,
     "interference": {"qpsk": {"sir_db": -10.0, "overlap": 1.0, "bandwidth_hz": 2.0025e6}},

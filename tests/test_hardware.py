@@ -14,6 +14,7 @@ import pytest
 import uhd_double
 import yaml
 from gnuradio import blocks, gr, radalt
+from uhd_double import RADIO
 
 from radalt.core.radio.calibration import (
     CalibrationError,
@@ -37,18 +38,6 @@ from radalt.evaluation.radios.settings import describe, plan
 pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
-
-RADIO = {
-    "radar_serial": "R",
-    "jammer_serial": "J",
-    "enclosure": "cabled",
-    "attenuation_db": 40.0,
-    "radar_tx_gain_db": 40.0,
-    "jammer_tx_gain_db": 50.0,
-    "radar_rx_gain_db": 20.0,
-    "clock_source": "external",
-}
-
 
 KEY = CalibrationKey("B210", "R", 30e6, 7.5e6)
 

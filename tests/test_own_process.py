@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from radalt.core.mitigation import METHODS, MitigationError, OwnProcess, create
+from radalt.core.mitigation import MitigationError, OwnProcess, create
 from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.watch import run_to_end
@@ -41,7 +41,7 @@ def beside():
         method.close()
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", ["whitening", "nlms", "ofdm_cancel", "tcae", "hybrid"])
 def test_results_are_those_of_the_method_bit_for_bit(beside, name):
     frames = received(7)
     frames[3, 100] = np.nan  # one bad frame, and the one after it has to be right again

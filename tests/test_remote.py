@@ -474,8 +474,7 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     air = Listened()
     uhd_double.install(monkeypatch, air)
-    radio = {"radar_serial": "R", "jammer_serial": "J", "enclosure": "cabled", "attenuation_db": 60.0}
-    radio |= {"radar_tx_gain_db": 40.0, "jammer_tx_gain_db": 50.0, "radar_rx_gain_db": 20.0}
+    radio = uhd_double.RADIO | {"attenuation_db": 60.0, "clock_source": "internal"}
     scene = parse_scene(
         {"radio": radio, "interference": {"qpsk": {"sir_db": -5.0, "bandwidth_hz": 2.0025e6}}}
     )
