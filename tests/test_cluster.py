@@ -255,7 +255,9 @@ def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
     wait_for(lambda: not measuring(dask), "an end of all measuring")
 
 
-def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep, tmp_path, undrawn):
+def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(
+    dask, sweep, tmp_path, measured_here, undrawn
+):
     options, whole = sweep
     process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.file)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
@@ -263,6 +265,6 @@ def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep,
     _, err = end_of(process)
     assert process.returncode == 2
     assert err.startswith(f"ota_eval: the scheduler at {dask.address} was lost") and err.count("\n") == 1
-    words = ("--sim", *options, "--out", tmp_path / "run", "--resume", "--jobs", 2)
+    words = ("--sim", *options, "--out", tmp_path / "run", "--resume", "--jobs", 1)
     assert ended(ota_eval.main, *words) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)
