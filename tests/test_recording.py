@@ -396,11 +396,8 @@ def test_the_copy_as_it_is_replays(short, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("changes", "samples", "message"),
     [
-        *(
-            ({"core:datatype": kind}, None, f"datatype is '{kind}'")
-            for kind in ("ci8", "cu8", "cf32_be", "ci16_le")
-        ),
-        *(({"core:sample_rate": rate}, None, "was recorded at 7.5e+06") for rate in (30e6, 3.75e6, 1831.0)),
+        *(({"core:datatype": kind}, None, f"datatype is '{kind}'") for kind in ("cf32_be", "ci16_le")),
+        *(({"core:sample_rate": rate}, None, "was recorded at 7.5e+06") for rate in (30e6, 1831.0)),
         ({"core:sample_rate": 10**400}, None, "core:sample_rate is"),
         ({}, np.nan, "no sample in it is a finite number"),
         ({}, 0.0, "nothing but zeros is in it"),
