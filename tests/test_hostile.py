@@ -296,7 +296,7 @@ def test_ctrl_c_while_onnxruntime_is_imported_does_not_pass_for_a_missing_packag
 # -- code of others ---------------------------------------------------------------------------------
 
 FOREIGN = {
-    "loop": ("while True: pass", "within 3 s; is there a loop without end"),
+    "loop": ("while True: pass", "within 1 s; is there a loop without end"),
     "loop in the frame": (
         "def mitigate(frames, waveform):\n    while True: pass",
         "is there a loop without end",
@@ -319,7 +319,7 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_hostile_method_file_gets_one_line_from_the_plan(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(rehearsal, "LIMIT_S", 30.0 if "loop" not in name else 3.0)
+    monkeypatch.setattr(rehearsal, "LIMIT_S", 30.0 if "loop" not in name else 1.0)
     # what raises has its line without a rehearsal, too
     if name in ("exit", "NaN", "recursion", "nul", "long"):
         monkeypatch.setenv("RADALT_REHEARSAL", "1")
