@@ -1,9 +1,7 @@
 """GNU Radio blocks: whole or in ragged chunks bit for bit the same, setters on sweep boundaries, messages, errors."""
 
-import contextlib
 import json
 import re
-import sys
 import threading
 import time
 
@@ -14,7 +12,7 @@ import zmq
 from gnuradio import blocks, gr, radalt
 from waiting import wait_for
 
-from radalt.blocks._guard import guarded, in_turns, raise_stored
+from radalt.blocks._guard import raise_stored
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import create
@@ -686,32 +684,3 @@ def test_exception_in_a_block_ends_the_flowgraph_and_is_raised_again(capfd):
     block.segmenter.push = lambda samples, *, lend: [][1]
     with pytest.raises(IndexError):
         run(radalt.fmcw_chirp_source(scene, frames=200), block, Collect(N))
-
-
-def test_blocks_meet_in_their_work_unless_they_take_turns():
-    """`in_turns` is for simulations on one core; a radio's segmenter must never wait for a slow method."""
-
-    class Block:
-        error = None
-
-        @guarded
-        def work(self, input_items, output_items) -> int:
-            met.wait(None)  # the barrier has a limit of its own
-            return 1
-
-    def run() -> list[Exception | None]:
-        blocks = [Block(), Block()]
-        threads = [threading.Thread(target=block.work, args=([], []), daemon=True) for block in blocks]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(60)
-            assert not thread.is_alive()
-        return [block.error for block in blocks]
-
-    for wait_s, turns, meet in ((30.0, contextlib.nullcontext(), True), (0.1, in_turns(), False)):
-        met = threading.Barrier(2, timeout=wait_s)
-        with turns:
-            errors = run()
-        assert all((error is None) == meet for error in errors)
-    assert sys.getswitchinterval() < 1e-3

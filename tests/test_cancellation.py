@@ -81,18 +81,6 @@ def test_the_sum_of_what_goes_on_meets_the_total_sir_in_the_mean():
     assert np.std(power) > 0.3
 
 
-def test_bursts_and_locked_jammers_start_anew():
-    for interferer, free in (
-        (Interferer(QpskEmitter(), -10.0, 0.5), True),
-        (Interferer(QpskEmitter(), -10.0), False),
-    ):
-        stream = JammerStream(WAVEFORM, [interferer], seed=4, free_running=free)
-        power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(4)]
-        if not free:
-            assert power == pytest.approx([10.0] * 4, rel=1e-4)
-        assert stream.interferers[0] is interferer
-
-
 def test_study_end_to_end(tmp_path, measured_here, browser):
     study = CancellationStudy(cases=("evm_3", "stream", "qpsk"), frames=3, seed=5, sirs_db=(-20.0, -45.0))
     assert [point.frames for point in study.points()] == [3, 3, 3]

@@ -14,7 +14,7 @@ from radalt.core.interference.emitters.qpsk import rrc_taps
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
 from radalt.core.interference.nr_grid import resource_grid
-from radalt.core.interference.stream import Continued, JammerStream
+from radalt.core.interference.stream import JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.core.waveform import Waveform
 
@@ -398,15 +398,3 @@ def test_fading_of_a_wave_is_the_sum_of_its_paths():
     start = -int(np.ceil(channel.delays_s.max() * RATE_HZ)) - 128 - 1
     expected = expected * np.exp(2j * np.pi * hz / RATE_HZ * (at - start))
     np.testing.assert_allclose(got[at], expected, atol=2e-3)
-
-
-@pytest.mark.parametrize(
-    ("repeats", "cycles", "again"), [(False, 0.0, None), (True, 0.0, 1.0), (True, 7.5, -1.0)]
-)
-def test_a_window_is_played_again_only_where_it_shall_and_its_carrier_goes_on(repeats, cycles, again):
-    emitter, rng = Continued(QpskEmitter(), 100, 4, repeats=repeats, cycles=cycles), np.random.default_rng(1)
-    first, second = (np.concatenate([emitter.samples(100, 7.5e6, rng) for _ in range(4)]) for _ in range(2))
-    if again is None:
-        assert abs(np.vdot(first, second)) < 0.5 * np.vdot(first, first).real
-    else:
-        np.testing.assert_allclose(second, again * first, atol=1e-12)

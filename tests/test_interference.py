@@ -61,19 +61,6 @@ def test_burst_starts_anywhere_it_fits_or_where_it_is_told():
         assert np.flatnonzero(frame)[0] == expected
 
 
-@pytest.mark.parametrize("overlap", [1.0, 0.3])
-@pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
-def test_burst_written_in_place_is_the_one_that_is_scaled_from_samples(overlap, dtype):
-    """Same draws, same symbols: what differs is in the last digits."""
-    emitter, count = QpskEmitter(), round(overlap * N)
-    written, generator = np.zeros(count, dtype), rng(4)
-    assert emitter.write(written, 10.0, RATE_HZ, generator)
-    expected, other = emitter.samples(count, RATE_HZ, rng(4)) * np.sqrt(10.0), rng(4)
-    np.testing.assert_allclose(written, expected, rtol=2e-7 if dtype is np.complex64 else 1e-12)
-    emitter.samples(count, RATE_HZ, other)
-    assert generator.random() == other.random()  # and the generator stands where it would
-
-
 def test_sum_of_interferers_has_the_sum_of_their_powers_or_the_total_that_is_asked_for():
     parts = [
         Interferer(QpskEmitter(pulse="rrc", carrier_hz=-2e6, bandwidth_hz=1e6), -10.0),

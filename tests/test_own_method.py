@@ -20,7 +20,7 @@ from radalt.core.returns.point import point_return
 from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, save_as_companion
-from radalt.evaluation.flowgraph.rewrite import load_grc, with_chain
+from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
 from radalt.evaluation.flowgraph.watch import run_to_end
 
@@ -131,18 +131,6 @@ def test_missing_file_is_named():
 
 
 # -- the same flowgraph with one more chain ---------------------------------------------------------------------------
-
-
-def test_own_method_is_one_more_chain_and_nothing_else_changes():
-    data = load_grc(FLOWGRAPHS / "ota_b210.grc")
-    more = with_chain(data, "custom")
-    assert more["blocks"][: len(data["blocks"])] == data["blocks"]
-    added = {b["name"]: b["parameters"]["method"] for b in more["blocks"][len(data["blocks"]) :]}
-    assert added == {"mitigation_custom": '"custom"', "altimeter_custom": "custom"}
-    assert more["connections"] == data["connections"] + [
-        ["frame_segmenter", "0", "mitigation_custom", "0"],
-        ["mitigation_custom", "0", "altimeter_custom", "0"],
-    ]
 
 
 @pytest.fixture(scope="module")
