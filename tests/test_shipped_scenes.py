@@ -5,11 +5,11 @@ import json
 import numpy as np
 import ota_eval
 import pytest
-from gnuradio import blocks, gr, radalt
+from gnuradio import radalt
 from hostile import ended
+from test_blocks import Collect, run
 
 from radalt.core.scene import SceneError, load_scene, parse_scene
-from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.overlap.points import OverlapPoint
 from radalt.evaluation.overlap.study import OverlapStudy, capture_name
 
@@ -19,11 +19,9 @@ FRAMES = 12
 
 def played(source) -> np.ndarray:
     """(frames, N) what a finite source block puts out."""
-    top = gr.top_block()
-    sink = blocks.vector_sink_c()
-    top.connect(source, sink)
-    run_to_end(top, time_limit_s=60)
-    return np.array(sink.data(), dtype=np.complex64).reshape(-1, 7500)
+    sink = Collect()
+    run(source, sink)
+    return sink.data.reshape(-1, 7500)
 
 
 def test_every_shipped_scene_has_points_to_measure(root):
