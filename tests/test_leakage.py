@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pmt
 import pytest
+from test_tracker import noise
 
 from radalt.blocks.frame_segmenter import frame_segmenter
 from radalt.core.channel.settings import ChannelSettings
@@ -36,14 +37,8 @@ N = W.samples_per_frame
 NOTHING = LeakageCalibration(W, np.zeros((2, 6), dtype=complex))
 
 
-def noise(rng, frames: int, snr_db: float, w: Waveform = W) -> np.ndarray:
-    shape = (frames, w.samples_per_frame, 2)
-    white = rng.standard_normal(shape, dtype=np.float32).view(np.complex64)[..., 0]
-    return white * np.float32(np.sqrt(0.5) * 10.0 ** (-snr_db / 20.0))
-
-
-def line(level_db: float, distance_m: float, w: Waveform = W) -> np.ndarray:
-    return (10.0 ** (level_db / 20.0) * point_return(w, distance_m)).astype(np.complex64)
+def line(level_db: float, distance_m: float) -> np.ndarray:
+    return (10.0 ** (level_db / 20.0) * point_return(W, distance_m)).astype(np.complex64)
 
 
 def power_db(x: np.ndarray) -> float:

@@ -44,16 +44,11 @@ class Stream:
     losses: list[tuple[int, int, bool]]
 
 
-def received(programme: Programme, true_delay: bool, snr_db: float, seed: int) -> np.ndarray:
-    """What the simulated channel delivers of a programme, without losses."""
+def received(programme: Programme, true_delay: bool, snr_db: float, seed: int, **more) -> np.ndarray:
+    """What the simulated channel delivers of a programme; ``more`` are further settings of it."""
     total = programme.total_frames + 3
-    channel = SimulatedChannel(
-        W,
-        ChannelSettings(snr_db=snr_db),
-        seed=seed,
-        true_delay=programme if true_delay else None,
-        frames=total,
-    )
+    settings, flown = ChannelSettings(snr_db=snr_db, **more), programme if true_delay else None
+    channel = SimulatedChannel(W, settings, seed=seed, true_delay=flown, frames=total)
     sweeps: dict[float, np.ndarray] = {}
     out = []
     for block in range(total):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from test_slips import received
 
 from radalt.core.channel.settings import ChannelSettings, DropSettings
 from radalt.core.channel.simulated import SimulatedChannel
@@ -166,20 +167,12 @@ def test_whole_chain_of_impairments_leaves_the_altitude_within_metres():
     assert error.size == 50 and np.sqrt(np.mean(error**2)) < 1.0
 
 
-def received(programme: Programme, seed: int, drops: DropSettings = DropSettings()) -> np.ndarray:  # noqa: B008 - frozen
-    total = programme.total_frames + 3
-    channel = SimulatedChannel(W, ChannelSettings(snr_db=15.0, drops=drops), seed=seed, frames=total)
-    return np.concatenate(
-        [s for i in range(total) for _, s in channel.process(W.beat_shifted(float(programme.altitude_m(i))))]
-    )
-
-
 @pytest.mark.parametrize(
     "drops", [DropSettings(), DropSettings(3, 100, 3000, tagged=False)], ids=["whole", "gaps"]
 )
 def test_ragged_chunks_give_what_one_chunk_gives_bit_for_bit(drops):
     programme = Programme((800.0, 50.0), 40, sync_every_frames=20)
-    stream = received(programme, 3, drops)
+    stream = received(programme, False, 15.0, 3, drops=drops)
     one = FrameSegmenter(W, programme)
     expected = one.push(stream) + one.drain()
     ragged = FrameSegmenter(W, programme)
@@ -236,7 +229,7 @@ def test_tagged_gap_in_the_preamble_is_survived():
     """Acquisition starts over on what follows; the preamble is longer than one acquisition."""
     programme = Programme((500.0,), 20, preamble_frames=20)
     segmenter = FrameSegmenter(W, programme)
-    stream = received(programme, 7)
+    stream = received(programme, False, 15.0, 7)
     frames = segmenter.push(stream[: 3 * N + 123])
     frames += segmenter.jump(400)
     frames += segmenter.push(stream[3 * N + 523 :]) + segmenter.drain()
@@ -261,7 +254,7 @@ def test_after_a_loss_of_unknown_length_no_altitude_is_taken_for_zero(by_hand):
 def test_time_that_runs_backwards_is_not_trusted():
     programme = Programme((500.0,), 60, sync_every_frames=20)
     segmenter = FrameSegmenter(W, programme)
-    stream = received(programme, 8)
+    stream = received(programme, False, 15.0, 8)
     segmenter.push(stream[: 20 * N])
     segmenter.jump(-1)  # 20 m
     assert not segmenter.status()["locked"]
@@ -296,7 +289,7 @@ def test_untagged_loss_is_noticed_and_never_a_shifted_altitude(span):
 def test_loss_without_any_synchronisation_ahead_stays_unlocked():
     programme = Programme((300.0,), 60)
     segmenter = FrameSegmenter(W, programme)
-    stream = received(programme, 9)
+    stream = received(programme, False, 15.0, 9)
     frames = segmenter.push(stream[: 30 * N]) + segmenter.push(stream[30 * N + 700 :]) + segmenter.drain()
     assert segmenter.status()["state"] == "lost"
     assert max(f.index for f in frames) <= 30
