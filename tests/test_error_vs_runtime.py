@@ -43,7 +43,7 @@ def report(tmp_path_factory):
     """Of the command, with two interferers, three chains, each of which takes a process, and no network."""
     out = tmp_path_factory.mktemp("runtime")
     arguments = ["--models", "--frames", "6", "--rounds", "2", "--sir-db=-15,-45"]
-    arguments += ["--interferers", "QPSK rectangular, 30 %", TONES, "--publish", str(out / "docs")]
+    arguments += ["--interferers", "QPSK rectangular, 30 %", TONES]
     chains = [c for c in runtime.compared_chains(()) if c.label in CHAINS]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runtime, "compared_chains", lambda models: (*chains, *models))
@@ -71,12 +71,3 @@ def test_command_writes_the_whole_report(report, browser):
     text = (report / "run" / "report.md").read_text()
     assert "## Pareto fronts" in text and "| whitening |" in text
     assert ".venv/bin/python flowgraphs/error_vs_runtime.py --models --interferers" in text
-
-
-def test_the_page_is_published_with_its_figure_under_the_names_of_the_documentation(report):
-    assert sorted(str(p.relative_to(report / "docs")) for p in (report / "docs").rglob("*.*")) == [
-        "error_vs_runtime.md",
-        "figures/error_vs_runtime.png",
-    ]
-    page = (report / "docs" / "error_vs_runtime.md").read_text()
-    assert "](figures/error_vs_runtime.png)" in page

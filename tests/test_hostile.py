@@ -251,13 +251,6 @@ def test_hostile_line_of_a_tool_of_training_gets_one_line(line, monkeypatch):
     assert_refused(*ended(importlib.import_module(name).main, *arguments))
 
 
-def test_an_interferer_named_twice_is_refused():
-    """Its name has spaces, so it stands in a word of its own."""
-    status, error = ended(error_vs_runtime.main, "--dry-run", "--interferers", *["5 tones, all"] * 2)
-    assert_refused(status, error)
-    assert "more than once" in error
-
-
 @pytest.mark.parametrize("after_s", [0.05, 0.4, 1.2])
 def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
     """Whatever is being imported or computed just then."""

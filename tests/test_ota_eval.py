@@ -180,14 +180,6 @@ def test_what_does_not_fit_is_one_line_and_code_2(capsys, monkeypatch, tmp_path,
     assert not list(tmp_path.iterdir())  # nothing is left behind
 
 
-def test_an_unreadable_model_is_one_line_and_code_2(capsys, tmp_path):
-    (tmp_path / "bad.onnx").write_text("junk", encoding="utf-8")
-    assert (
-        ota_eval.main(["--sim", "--model", str(tmp_path / "bad.onnx"), "--out", str(tmp_path / "run")]) == 2
-    )
-    assert "bad.onnx is no readable ONNX file" in one_line(capsys)
-
-
 def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(
     whole, tmp_path, measured_here, undrawn
 ):
