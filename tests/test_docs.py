@@ -14,6 +14,8 @@ from radalt.core.receiver.altimeter import Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.results.break_point import break_point
+from radalt.evaluation.results.proportion import wilson_interval
+from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
 
 @pytest.fixture(scope="module")
@@ -114,14 +116,49 @@ def _worst_in_noise(rows):
     return [f"{100 * float(worst[key]):.2f}" for key in ("rate", "low", "high", "bound")]
 
 
+def _break_point(rows, **where):
+    mine = [r for r in rows if all(r[key] == value for key, value in where.items())]
+    return break_point(*([float(r[key]) for r in mine] for key in ("sir_db", "pd", "pd_low", "pd_high")))
+
+
 def _break_points(rows):
     """Of a 10 MHz downlink behind the canceller, at EVM 3 and 8 %."""
-    found = []
-    for case in ("evm_3", "evm_8"):
-        mine = [r for r in rows if (r["case"], r["method"]) == (case, "ofdm_cancel")]
-        columns = ([float(r[key]) for r in mine] for key in ("sir_db", "pd", "pd_low", "pd_high"))
-        found.append(str(break_point(*columns)))
-    return found
+    return [str(_break_point(rows, case=case, method="ofdm_cancel")) for case in ("evm_3", "evm_8")]
+
+
+def _below_whitening(rows):
+    """Least and largest distance of the network's break-point under delayed QPSK at full overlap, over the sweeps."""
+    case = {"interferer": "qpsk_rectangular_delayed", "overlap": "1"}
+    gains_db = [
+        _break_point(rows, sweep=sweep, method="whitening", **case).sir_db
+        - _break_point(rows, sweep=sweep, method="tcae", **case).sir_db
+        for sweep in {r["sweep"] for r in rows}
+    ]
+    return [f"{end(gains_db):.1f}" for end in (min, max)]
+
+
+def _near_the_lowest(rows):
+    """Cases with typical emitters, and in how many of them `hybrid` and `compact` come within 2 dB of the lowest."""
+    curves = {}
+    for r in rows:
+        if "ideal" not in r["interferer"]:
+            curves.setdefault((r["interferer"], r["overlap"]), {}).setdefault(r["method"], []).append(r)
+    swept = [case for case in curves.values() if len(case["none"]) > 1]
+    found = [{method: _break_point(mine).sir_db for method, mine in case.items()} for case in swept]
+    near = [{m for m, db in case.items() if db <= min(case.values()) + 2} for case in found]
+    return [str(len(near)), *(str(sum(name in case for case in near)) for name in ("hybrid", "compact"))]
+
+
+def _cpu_ratios(rows):
+    """Least and largest over the scenes: median with all built over median pruned."""
+    median = {
+        (scene, built): np.median(
+            [float(r["cpu_s"]) for r in rows if (r["scene"], r["built"]) == (scene, built)]
+        )
+        for scene, built in {(r["scene"], r["built"]) for r in rows}
+    }
+    ratios = [median[scene, "all"] / value for (scene, built), value in median.items() if built == "pruned"]
+    return [f"{end(ratios):.0f}" for end in (min, max)]
 
 
 def _not_passed(rows):
@@ -134,6 +171,29 @@ def _white_noise_at_200_ft(rows):
     names = ("profile", "interferer", "method", "ground", "altitude_ft")
     mine = [float(r["break_dbm_per_mhz"]) for r in rows if tuple(r[name] for name in names) == key]
     return [f"{np.mean(mine):.1f}"]
+
+
+def _within_5_m_of_an_approach(rows):
+    """Without interference, and its interval, in percent."""
+    mine = [r for r in rows if r["overlap"] == "0"]
+    errors = [abs(float(r["altitude_m"] or "nan") - float(r["height_m"])) for r in mine]
+    correct = sum(error < CORRECT_LIMIT_M for error in errors)
+    return [f"{100 * share:.0f}" for share in (correct / len(mine), *wilson_interval(correct, len(mine)))]
+
+
+def _hazardous_outputs(rows):
+    return [str(sum(int(r["hazardous"]) for r in rows)), f"{sum(int(r['outputs']) for r in rows):,}"]
+
+
+def _what_guarding_costs(rows):
+    """Availability after the start, without mitigation and behind tcae."""
+    at = {
+        (r["kind"], r["method"]): f"{float(r['after_start']):.2f}"[1:]
+        for r in rows
+        if r["known_limit"] == "0"
+    }
+    kinds = ("jammed", "terrain", "step", "altimeter", "pull_off")
+    return [at[kind, method] for kind in kinds for method in ("none", "tcae")]
 
 
 @pytest.mark.parametrize(
@@ -157,6 +217,14 @@ def _white_noise_at_200_ft(rows):
             "cancellation",
             _break_points,
         ),
+        (("docs/sweeps.md",), r"breaks ([\d.]+) to ([\d.]+) dB below", "sweeps", _below_whitening),
+        (
+            ("docs/tcae_comparison.md",),
+            r"break-point of (\d+) cases: `hybrid` in (\d+), `compact` in (\d+)",
+            "tcae_comparison",
+            _near_the_lowest,
+        ),
+        (("docs/leaving_out.md",), r"takes (\d+) to (\d+) times the CPU", "leaving_out", _cpu_ratios),
         (("docs/stability.md",), r"\*\*(\d+) of (\d+) pairs of case and chain", "stability", _not_passed),
         (
             ("docs/tolerance.md",),
@@ -164,8 +232,38 @@ def _white_noise_at_200_ft(rows):
             "tolerance",
             _white_noise_at_200_ft,
         ),
+        (
+            ("docs/landing.md",),
+            r"\*\*Extended ground.*?(\d+) %.*?\((\d+) to (\d+) %\)",
+            "landing_approach",
+            _within_5_m_of_an_approach,
+        ),
+        (
+            ("docs/tracked_flights.md",),
+            r"\*\*(\d+) of ([\d,]+) outputs are hazardous",
+            "tracked_flights",
+            _hazardous_outputs,
+        ),
+        (
+            ("docs/tracker.md",),
+            "costs availability.*?" + r"\| (\.\d+) \| (\.\d+) \|.*?" * 5,
+            "integrity_kinds",
+            _what_guarding_costs,
+        ),
     ],
-    ids=["networks", "detection", "cancellation", "stability", "tolerance"],
+    ids=[
+        "networks",
+        "detection",
+        "cancellation",
+        "sweeps",
+        "comparison",
+        "leaving_out",
+        "stability",
+        "tolerance",
+        "landing",
+        "flights",
+        "availability",
+    ],
 )
 def test_the_first_number_of_a_page_is_that_of_its_table(root, pages, pattern, table, value):
     with (root / f"docs/data/{table}.csv").open(newline="", encoding="utf-8") as file:

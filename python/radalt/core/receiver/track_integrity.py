@@ -53,6 +53,12 @@ class Integrity:
 
     Notes
     -----
+    **Contradictions.** No altitude is given where a measurement moves the predicted one by more than the protection
+    level, where the last quarter of the block stands farther off than that and four standard deviations allow, nor
+    where altitudes show a vertical speed and Doppler its mirror: I and Q are exchanged then. After two blocks without a
+    measurement (one, if the track was never certain) it takes three in a row with one, or one that is strong enough to
+    start a track.
+
     **Protection level.** The sum of a systematic part of 1 m, of the extent or the part for a second return within the
     peak, whichever is greater, and of two bounds, each at half the stated
     risk:
@@ -66,10 +72,13 @@ class Integrity:
 
     The *extent* covers how far ground off nadir pulls the peak up. A return of some depth is asymmetric: more power
     stands beyond its peak than before it. The extent grows with the root of that asymmetry, up to 4.5 % of the
-    altitude, the mean over a beam of 40 degrees.
+    altitude, the mean over a beam of 40 degrees; the peak lies 1 % of the altitude beyond the nearest ground over the
+    shipped approach, up to 4 % over ground that scatters alike in all directions.
 
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
-    60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell.
+    60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point pays
+    0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate from
+    each other (`Block.shape_deviation`).
 
     It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
     ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep
@@ -82,7 +91,7 @@ class Integrity:
         self.gate, self.settings, self.sweep_s = gate, settings, t.waveform.sweep_s
         self.search_threshold = noise_threshold(settings.search_pfa, t.trials)
         # a base station's pattern recurs within the block, which halves the independent frames, for a whole flight
-        self._received_threshold = np.sqrt(2.0) * self.search_threshold
+        self.received_threshold = np.sqrt(2.0) * self.search_threshold
         self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
         self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
         self._rival_sigmas = noise_threshold(settings.risk / 2.0, (t.last - t.first) / t.resolution_cells)
@@ -152,10 +161,10 @@ class Integrity:
         t = self.tables
         found = replace(found, power=before.power_at(found))
         beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
-        if beside is not None and beside.strength >= self._received_threshold:
+        if beside is not None and beside.strength >= self.received_threshold:
             if self._second(before, found, near_m):
                 return True
-        return self._rival(before, found.power, here_m, near_m, self._received_threshold)
+        return self._rival(before, found.power, here_m, near_m, self.received_threshold)
 
     def _rival(self, block: Block, power: float, here_m: float, near_m: float, least: float) -> bool:
         """Whether a return beyond ``near_m`` of one of some power could be the ground; ``least`` strength."""
