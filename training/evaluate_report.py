@@ -1,4 +1,4 @@
-"""Tables and figures of `evaluate.py`: break-points, protection gain, targets, Pd, beat spectra."""
+"""Tables and figures of `evaluate.py`: break-points, protection gain, findings, Pd, beat spectra."""
 
 from __future__ import annotations
 
@@ -88,37 +88,36 @@ def _special(rows: Sequence[Row], name: str) -> dict[str, Row]:
     return {row["method"]: row for row in rows if row["interferer"] == name}
 
 
-def targets(rows: Sequence[Row], breaks: Breaks) -> list[str]:
-    """A line for each target that these rows can decide."""
+def findings(rows: Sequence[Row], breaks: Breaks) -> list[str]:
+    """A line for each comparison that these rows hold."""
     lines = []
     case = {name: row["rmse_forced_m"] for name, row in _special(rows, PAPER_CASE).items()}
     wirings = [case[m] for m in ("lms", "lms_reference_input") if case.get(m)]
     if case.get("paper") and wirings:
         lower = 100 * (1 - case["paper"] / min(wirings))
         lines.append(
-            f"(a) paper at 100 % overlap, SINR -15 dB: forced RMSE {metres(case['paper'])} m (target below 50 m), "
-            f"{lower:.1f} % below LMS in its better wiring, {metres(min(wirings))} m (target 85 %)"
+            f"Rectangular QPSK, full overlap, SINR -15 dB: `paper` errs by {metres(case['paper'])} m, {lower:.1f} % "
+            f"below LMS in its better wiring, {metres(min(wirings))} m (authors: over 85 %)"
         )
     known = gains(breaks, "none", "compact")
     picked = [g for (name, rho), g in known.items() if name in GAIN_CASES and rho in GAIN_OVERLAPS]
     if picked:
         worst = min(known, key=lambda case: known[case].db)
         lines.append(
-            f"(c) compact against none: mean protection gain {mean_gain(picked)} dB over "
-            f"{len(picked)} cases (target 12 dB); smallest of all {len(known)} cases {known[worst]} dB at {worst[0]}, "
-            f"overlap {worst[1]:g} (target above -1 dB)"
+            f"`compact` breaks {mean_gain(picked)} dB below `none` in the mean of {len(picked)} cases; least of all "
+            f"{len(known)} cases: {known[worst]} dB, {worst[0]}, overlap {worst[1]:g}"
         )
     ahead = gains(breaks, "whitening", "compact")
     if ahead:
         worst = min(ahead, key=lambda case: ahead[case].db)
         lines.append(
-            f"(d) compact against whitening: at worst {ahead[worst]} dB ({worst[0]}, overlap {worst[1]:g}; target "
-            f"above -3 dB), ahead in {sum(g.db > 0 for g in ahead.values())} of {len(ahead)} cases"
+            f"`compact` is ahead of `whitening` in {sum(g.db > 0 for g in ahead.values())} of {len(ahead)} cases; "
+            f"least: {ahead[worst]} dB, {worst[0]}, overlap {worst[1]:g}"
         )
     clean = {name: row["rmse_forced_m"] for name, row in _special(rows, "clean").items()}
     if clean.get("compact") and clean.get("none"):
         ratio = clean["compact"] / clean["none"]
-        lines.append(f"(e) clean scene: RMSE of compact {ratio:.2f} times that of none (target at most 1.2)")
+        lines.append(f"Without interference `compact` has {ratio:.2f} times the RMSE of `none`")
     return lines
 
 
@@ -220,7 +219,7 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
     breaks = break_points(rows)
     special = bool(_special(rows, "clean"))
     report = {
-        "targets": targets(rows, breaks),
+        "findings": findings(rows, breaks),
         "break_points": [
             {"interferer": case[0], "overlap": case[1], "method": name} | vars(found) | {"text": str(found)}
             for case, methods in breaks.items()
