@@ -105,7 +105,9 @@ class Scene:
                 f"{_MOST_SAMPLES} samples"
             )
         if not w.separates_doppler:
-            raise ValueError(f"waveform.shape is {w.shape!r}; a scene plays a triangle")
+            raise ValueError(
+                f"waveform.shape is {w.shape!r}; a scene plays a triangle, `radalt tolerance` a sawtooth, too"
+            )
 
     def _check_leakage(self) -> None:
         """Leakage needs true delays: a beat shift moves it with the return, and 0 m is the return of the preamble."""
