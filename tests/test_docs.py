@@ -14,6 +14,8 @@ from radalt.core.receiver.altimeter import Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.results.break_point import break_point
+from radalt.evaluation.results.proportion import wilson_interval
+from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +138,29 @@ def _white_noise_at_200_ft(rows):
     return [f"{np.mean(mine):.1f}"]
 
 
+def _within_5_m_of_an_approach(rows):
+    """Without interference, and its interval, in percent."""
+    mine = [r for r in rows if r["overlap"] == "0"]
+    errors = [abs(float(r["altitude_m"] or "nan") - float(r["height_m"])) for r in mine]
+    correct = sum(error < CORRECT_LIMIT_M for error in errors)
+    return [f"{100 * share:.0f}" for share in (correct / len(mine), *wilson_interval(correct, len(mine)))]
+
+
+def _hazardous_outputs(rows):
+    return [str(sum(int(r["hazardous"]) for r in rows)), f"{sum(int(r['outputs']) for r in rows):,}"]
+
+
+def _what_guarding_costs(rows):
+    """Availability after the start, without mitigation and behind tcae."""
+    at = {
+        (r["kind"], r["method"]): f"{float(r['after_start']):.2f}"[1:]
+        for r in rows
+        if r["known_limit"] == "0"
+    }
+    kinds = ("jammed", "terrain", "step", "altimeter", "pull_off")
+    return [at[kind, method] for kind in kinds for method in ("none", "tcae")]
+
+
 @pytest.mark.parametrize(
     ("pages", "pattern", "table", "value"),
     [
@@ -164,8 +189,35 @@ def _white_noise_at_200_ft(rows):
             "tolerance",
             _white_noise_at_200_ft,
         ),
+        (
+            ("docs/landing.md",),
+            r"\*\*Extended ground.*?(\d+) %.*?\((\d+) to (\d+) %\)",
+            "landing_approach",
+            _within_5_m_of_an_approach,
+        ),
+        (
+            ("docs/tracked_flights.md",),
+            r"\*\*(\d+) of ([\d,]+) outputs are hazardous",
+            "tracked_flights",
+            _hazardous_outputs,
+        ),
+        (
+            ("docs/tracker.md",),
+            "costs availability.*?" + r"\| (\.\d+) \| (\.\d+) \|.*?" * 5,
+            "integrity_kinds",
+            _what_guarding_costs,
+        ),
     ],
-    ids=["networks", "detection", "cancellation", "stability", "tolerance"],
+    ids=[
+        "networks",
+        "detection",
+        "cancellation",
+        "stability",
+        "tolerance",
+        "landing",
+        "flights",
+        "availability",
+    ],
 )
 def test_the_first_number_of_a_page_is_that_of_its_table(root, pages, pattern, table, value):
     with (root / f"docs/data/{table}.csv").open(newline="", encoding="utf-8") as file:

@@ -29,9 +29,14 @@ _PLACE_SIGMAS, _LEAST_PLACE_CELLS, _MOST_PLACE_CELLS = 4.0, 0.5, 3.0
 class Deleter:
     """Ends tracks: after a time without measurements, where measurements contradict them, at a step of the ground.
 
-    A track that was certain is remembered after its end, until its place is vacant in two blocks in a row. Before that
-    its successor may be a false return that has pulled the tracker off, and is no altitude. There is no time limit,
-    since a pull-off can last.
+    After a second without measurement a track ends (`TrackerSettings.coast_s`). The search never stops: a step of the
+    ground is a new candidate, which takes over once it is confirmed and nothing is left at the track's place. While
+    both are there, neither altitude is given.
+
+    A track that was certain is remembered after its end, until its place is vacant in two blocks in a row: these show
+    nothing there that the successor's own lobes do not explain, and at the place itself the successor has the old
+    track's Doppler. Before that its successor may be a false return that has pulled the tracker off (range-gate
+    pull-off), and is no altitude. There is no time limit, since a pull-off can last.
 
     Parameters
     ----------

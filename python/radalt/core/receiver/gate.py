@@ -30,6 +30,9 @@ def noise_threshold(pfa: float, trials: float) -> float:
 class Gate:
     """Validation gate in altitude and vertical speed.
 
+    A return may continue a track if it lies within four standard deviations of the prediction, in altitude and speed,
+    and is stronger than noise alone gives in one block of a hundred (`TrackerSettings.gate_pfa`).
+
     Parameters
     ----------
     tables : Integrator

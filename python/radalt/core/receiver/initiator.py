@@ -26,6 +26,10 @@ _FIRST_SPEED_SHARE, _LEAST_FIRST_SPEED_M_PER_S = 0.5, 1.0
 class Initiator:
     """Holds candidates until enough blocks in a row have shown them.
 
+    A candidate starts from the strongest pair of the whole span, if noise alone gives one as strong in one of 10,000
+    blocks (`TrackerSettings.search_pfa`) and both half sweeps show it. A track begins when three blocks in a row agree
+    (`TrackerSettings.confirm_outputs`).
+
     Parameters
     ----------
     gate : Gate

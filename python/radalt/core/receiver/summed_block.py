@@ -25,7 +25,7 @@ _NEARLY = 0.8
 # four cells per resolution cell, well within its main lobe.
 _UNMOVED = 0.6
 # Least power of the weaker half sweep over that of the stronger (-10 dB): a network may leave the return in two of
-# forty frames of one half (docs/tracker.md, initiator).
+# forty frames of one half.
 _BOTH = 0.1
 # Standard deviations of the cells' own power by which the weaker half has to stand out. A network leaves structure in
 # noise: lower ones are shown without a return.
@@ -373,7 +373,8 @@ class Block:
     def lobe_from_beyond(self, found: Measurement) -> bool:
         """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.
 
-        Such a line may be a radar of the same sweep, or ground too far away. Its speed is its own: frames stay unmoved.
+        Such a line may be a radar of the same sweep that moves in, or ground too far away; with the default sweep the
+        beat band shows it up to 390 m beyond the span. Its speed is its own: frames stay unmoved.
         """
         t = self.tables
         moved, _, _ = self._sums(int(t.rows[found.row, 0]))

@@ -53,6 +53,12 @@ class Integrity:
 
     Notes
     -----
+    **Contradictions.** No altitude is given where a measurement moves the predicted one by more than the protection
+    level, where the last quarter of the block stands farther off than that and four standard deviations allow, nor
+    where altitudes show a vertical speed and Doppler its mirror: I and Q are exchanged then. After two blocks without a
+    measurement (one, if the track was never certain) it takes three in a row with one, or one that is strong enough to
+    start a track.
+
     **Protection level.** The sum of a systematic part of 1 m, of the extent or the part for a second return within the
     peak, whichever is greater, and of two bounds, each at half the stated
     risk:
@@ -66,10 +72,12 @@ class Integrity:
 
     The *extent* covers how far ground off nadir pulls the peak up. A return of some depth is asymmetric: more power
     stands beyond its peak than before it. The extent grows with the root of that asymmetry, up to 4.5 % of the
-    altitude, the mean over a beam of 40 degrees.
+    altitude, the mean over a beam of 40 degrees; the peak lies 1 % of the altitude beyond the nearest ground over the
+    shipped approach, up to 4 % over ground that scatters alike in all directions.
 
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
-    60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell.
+    60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point pays
+    0.1 to 0.5 m. Where interference hides the return the part keeps its value.
 
     It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
     ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep

@@ -22,6 +22,15 @@ _KNOWN_SPEED_CELLS = 1.5
 class Updater:
     """Measures tracks in blocks, and updates filter, evidence and counters.
 
+    Of pairs nearly as strong as the strongest within the gate it takes the one with most power, since a grating lobe
+    may win the votes. A track is certain once its evidence has ruled out every other pair of cells, of any speed. One
+    that has never been certain moves to the pair beside it (within 40 m) that its blocks together show with more power,
+    unless its altitudes contradict that pair's Doppler: then that pair is the lobe.
+
+    The filter takes Doppler in once no grating lobe can pass for it. A Doppler that the altitudes contradict in two
+    blocks in a row is a grating lobe's: such a track keeps no candidate out. In one block alone it takes nothing from a
+    certain track, nor does one more than four standard deviations off; it is then not used.
+
     Parameters
     ----------
     gate : Gate

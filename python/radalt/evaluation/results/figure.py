@@ -12,7 +12,9 @@ import numpy as np
 
 from .folder import writing
 
-__all__ = ["new_figure", "save_figure", "say"]
+__all__ = ["COLUMN_IN", "new_figure", "save_figure", "say"]
+
+COLUMN_IN = 4.2  # width in inches of a figure whose type has its own size in a column of print, and at 400 px (96 dpi)
 
 
 def new_figure(width: float, height: float, *, dpi: int = 160, shown: bool = False) -> Any:

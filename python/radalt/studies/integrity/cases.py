@@ -47,7 +47,7 @@ KINDS = {
     "nonlinear": "sweep not linear, by a share of its bandwidth",
     "clock": "sample clocks of transmitter and receiver differ",
     "gnuradio": "GNU Radio's own transmitters",
-    "fading": "NR and QPSK through fading that goes on",
+    "fading": "NR and QPSK through continuous fading",
     "repeating": "interference that repeats itself exactly",
 }
 

@@ -161,17 +161,21 @@ def _visible(by_case: Sequence[Row], default: str) -> list[Row]:
 
 
 def _unavailable_table(by_case: Sequence[Row], default: str) -> str:
-    """Visible cases (`_visible`) with an availability below 0.99 after the start."""
+    """A line per kind with visible cases (`_visible`) of which less than 0.99 is available after the start."""
     lines = []
-    for r in _visible(by_case, default):
-        if not r["after_start"] >= 0.99:
-            shares = number(r["pd"], 3), number(r["after_start"], 3)
-            silent = r["outputs"] - r["computed"] - r["failures"]
-            lines.append([f"`{r['case']}`", *shares, r["failures"], silent, r["unbounded"]])
+    for kind, what in KINDS.items():
+        seen = [r for r in _visible(by_case, default) if r["kind"] == kind]
+        poor = [r for r in seen if not r["after_start"] >= 0.99]
+        if poor:
+            failures, unbounded = (sum(r[name] for r in poor) for name in ("failures", "unbounded"))
+            silent = sum(r["outputs"] - r["computed"] for r in poor) - failures
+            least = min(poor, key=lambda r: r["after_start"])
+            worst = f"{number(least['after_start'])} in `{least['case']}`"
+            lines.append([what, f"{len(poor)} of {len(seen)}", worst, failures, silent, unbounded])
     header = [
         "case",
-        "Pd",
-        "available after the start",
+        "below 0.99 after the start",
+        "least",
         "failure",
         "no computed data",
         "beyond the alert limit",
@@ -202,26 +206,16 @@ def _kind_table(found: Sequence[Row]) -> str:
             [
                 KINDS[kind],
                 mine[0]["parts"],
-                mine[0]["outputs"],
-                " / ".join(number(r["availability"]) for r in mine),
                 " / ".join(number(r["after_start"]) for r in mine),
-                " / ".join(str(r["misleading"]) for r in mine),
-                " / ".join(str(r["hazardous"]) for r in mine),
+                sum(r["misleading"] for r in mine),
+                sum(r["hazardous"] for r in mine),
                 _rate(max(r["hazardous_bound"] for r in mine)),
                 " / ".join(number(r["pd"]) for r in mine),
                 " / ".join(_rate(r["wrong"] / r["trials"] if r["trials"] else 0.0) for r in mine),
             ]
         )
-    header = [
-        "case",
-        "flights",
-        "outputs per method",
-        "available",
-        "after the start",
-        "misleading",
-        "hazardous",
-    ]
-    return table([*header, "its bound", "Pd per frame", "wrong per frame"], lines) if lines else ""
+    header = ["case", "flights", "available after the start", "misleading", "hazardous", "bound"]
+    return table([*header, "Pd per frame", "wrong per frame"], lines) if lines else ""
 
 
 def _event_table(events: Sequence[Row]) -> str:

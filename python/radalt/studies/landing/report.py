@@ -155,16 +155,18 @@ def write_report(folder: RunFolder, study: LandingStudy, rows: Mapping[str, Sequ
     folder.write_text("study.yaml", text + yaml.safe_dump(folder.head["landing"], sort_keys=False))
     config, curve = study.config, rows["curve"]
     bounds = {f"{snr:g} dB": float(altitude_crb_m(config.waveform, snr)) for snr in (-30, -20, -10, 0, 20)}
+    approach = approach_table(rows["approach"])
+    whole = [e for e in approach if e["band"] == BANDS[0][0]]
     report = {
         "left_out": _left_out(config),
-        "approach": approach_table(rows["approach"]),
+        "approach": approach,
         "ceiling": list(clean_of(curve).values()),
         "cramer_rao_point_target_m": bounds,
         "break_points": break_points(config, curve),
         "comparison": comparison(config, curve),
         "sensitivity": sensitivity(rows["assumptions"]),
         "trials": sorted({r["trials"] for r in curve}),
-        "figures": draw_figures(config, rows, folder.path),
+        "figures": draw_figures(config, rows, whole, folder.path),
     }
     values = _page_values(config, report)
     return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report, values)

@@ -30,6 +30,8 @@ class LandingStudy(Study):
     published: ClassVar[Mapping[str, str]] = {
         "figure_1_approach.png": "figures/landing_approach.png",
         "figure_2_error_against_sinr.png": "figures/landing_error_against_sinr.png",
+        "approach.csv": "data/landing_approach.csv",
+        "curve.csv": "data/landing_curve.csv",
     }
 
     @property
