@@ -35,8 +35,8 @@ from radalt.evaluation.results.proportion import wilson_interval
 
 ROOT, CORE = FLOWGRAPHS.parent, FLOWGRAPHS.parent / "python/radalt/core"
 LIMIT_S = float(os.environ.get("RADALT_MUTANTS_S", 3600))
-TESTS_S = 5.0  # CPU time of a mutant's tests without a mutation, s: others take minutes and kill few
-CPU_S = 20 * TESTS_S  # CPU time after which a mutant's tests have no end, at any load of the machine, s
+TESTS_S = 20.0  # CPU time of a mutant's tests without a mutation, s: the dearer ones take minutes
+CPU_S = 5 * TESTS_S  # CPU time after which a mutant's tests have no end, at any load of the machine, s
 SEED = 1  # of the order, in which the modules are mixed: a short time is a sample of all
 OTHER = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
 OTHER |= {ast.Add: ast.Sub, ast.And: ast.Or}
