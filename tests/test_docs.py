@@ -116,14 +116,49 @@ def _worst_in_noise(rows):
     return [f"{100 * float(worst[key]):.2f}" for key in ("rate", "low", "high", "bound")]
 
 
+def _break_point(rows, **where):
+    mine = [r for r in rows if all(r[key] == value for key, value in where.items())]
+    return break_point(*([float(r[key]) for r in mine] for key in ("sir_db", "pd", "pd_low", "pd_high")))
+
+
 def _break_points(rows):
     """Of a 10 MHz downlink behind the canceller, at EVM 3 and 8 %."""
-    found = []
-    for case in ("evm_3", "evm_8"):
-        mine = [r for r in rows if (r["case"], r["method"]) == (case, "ofdm_cancel")]
-        columns = ([float(r[key]) for r in mine] for key in ("sir_db", "pd", "pd_low", "pd_high"))
-        found.append(str(break_point(*columns)))
-    return found
+    return [str(_break_point(rows, case=case, method="ofdm_cancel")) for case in ("evm_3", "evm_8")]
+
+
+def _below_whitening(rows):
+    """Least and largest distance of the network's break-point under delayed QPSK at full overlap, over the sweeps."""
+    case = {"interferer": "qpsk_rectangular_delayed", "overlap": "1"}
+    gains_db = [
+        _break_point(rows, sweep=sweep, method="whitening", **case).sir_db
+        - _break_point(rows, sweep=sweep, method="tcae", **case).sir_db
+        for sweep in {r["sweep"] for r in rows}
+    ]
+    return [f"{end(gains_db):.1f}" for end in (min, max)]
+
+
+def _near_the_lowest(rows):
+    """Cases with typical emitters, and in how many of them `hybrid` and `compact` come within 2 dB of the lowest."""
+    curves = {}
+    for r in rows:
+        if "ideal" not in r["interferer"]:
+            curves.setdefault((r["interferer"], r["overlap"]), {}).setdefault(r["method"], []).append(r)
+    swept = [case for case in curves.values() if len(case["none"]) > 1]
+    found = [{method: _break_point(mine).sir_db for method, mine in case.items()} for case in swept]
+    near = [{m for m, db in case.items() if db <= min(case.values()) + 2} for case in found]
+    return [str(len(near)), *(str(sum(name in case for case in near)) for name in ("hybrid", "compact"))]
+
+
+def _cpu_ratios(rows):
+    """Least and largest over the scenes: median with all built over median pruned."""
+    median = {
+        (scene, built): np.median(
+            [float(r["cpu_s"]) for r in rows if (r["scene"], r["built"]) == (scene, built)]
+        )
+        for scene, built in {(r["scene"], r["built"]) for r in rows}
+    }
+    ratios = [median[scene, "all"] / value for (scene, built), value in median.items() if built == "pruned"]
+    return [f"{end(ratios):.0f}" for end in (min, max)]
 
 
 def _not_passed(rows):
@@ -182,6 +217,14 @@ def _what_guarding_costs(rows):
             "cancellation",
             _break_points,
         ),
+        (("docs/sweeps.md",), r"breaks ([\d.]+) to ([\d.]+) dB below", "sweeps", _below_whitening),
+        (
+            ("docs/tcae_comparison.md",),
+            r"break-point of (\d+) cases: `hybrid` in (\d+), `compact` in (\d+)",
+            "tcae_comparison",
+            _near_the_lowest,
+        ),
+        (("docs/leaving_out.md",), r"takes (\d+) to (\d+) times the CPU", "leaving_out", _cpu_ratios),
         (("docs/stability.md",), r"\*\*(\d+) of (\d+) pairs of case and chain", "stability", _not_passed),
         (
             ("docs/tolerance.md",),
@@ -212,6 +255,9 @@ def _what_guarding_costs(rows):
         "networks",
         "detection",
         "cancellation",
+        "sweeps",
+        "comparison",
+        "leaving_out",
         "stability",
         "tolerance",
         "landing",

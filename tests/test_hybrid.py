@@ -120,6 +120,18 @@ def test_the_network_gains_on_the_error_vectors_that_a_cancelled_frame_keeps():
     assert pd["hybrid"] > max(pd["tcae"], pd["qpsk_cancel"]) + 0.2
 
 
+def test_a_frame_that_shows_no_return_when_cancelled_goes_to_the_network_as_received():
+    """Error vectors hide it; the network knows QPSK that is constant between symbols, as no filter leaves it."""
+    altitude_m, frames = independent([QpskEmitter(evm="typical")], -45.0, 10, 11)
+    hybrid, cleaned = create("hybrid", W), frames.copy()
+    for row, frame in zip(cleaned, frames, strict=True):
+        hybrid.reset()
+        row[:] = hybrid.process(frame)
+        assert hybrid.cancelled == 1
+    assert right(create("qpsk_cancel", W).process(frames), altitude_m) < 0.6
+    assert right(cleaned, altitude_m) >= 0.8
+
+
 @pytest.mark.parametrize("sir_db", [-15.0, -23.0])
 @pytest.mark.parametrize("emitters", [(NR10,), (QpskReceivedEmitter(),), (ToneEmitter(2),)])
 def test_no_frame_is_worse_than_without_mitigation(emitters, sir_db):

@@ -10,6 +10,7 @@ import pytest
 from waiting import ran
 
 from radalt.core.interference import Interferer, QpskEmitter
+from radalt.core.mitigation import CUSTOM
 from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
@@ -432,7 +433,8 @@ def test_figures_are_the_same_bytes_for_the_same_rows(whole, tmp_path):
 
 def test_figures_can_be_read_in_grey(whole):
     """Every series differs from every other in more than colour."""
-    styles = [series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
+    methods = [*MITIGATIONS, CUSTOM]
+    styles = [series_style(m, methods) for m in methods]
     told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
     assert len(set(told)) == len(told)
 

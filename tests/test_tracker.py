@@ -192,6 +192,19 @@ def test_extended_ground_stays_within_its_protection_level_and_a_point_pays_noth
     assert point["protection_level_m"] < 2.6
 
 
+@pytest.mark.parametrize("fall_m", [6.0, 8.0])
+def test_ground_whose_facets_interfere_anew_in_every_frame_keeps_its_altitude(fall_m):
+    """Its peak moves by metres from block to block, and powers add: that is no second return within the peak."""
+    rng, frames = np.random.default_rng(55), 600
+    behind = np.linspace(0.0, 2.0 * fall_m, 17)
+    sent = point_return(W, 180.0 + behind) * np.exp(-0.5 * behind / fall_m)[:, None].astype(np.float32)
+    facets = rng.standard_normal((frames, behind.size, 2), dtype=np.float32).view(np.complex64)[..., 0] / 4.0
+    out = tracked(facets @ sent + noise(rng, frames, 10.0))[2:]
+    assert np.all(out["status"] == Status.NORMAL)
+    assert np.all(np.abs(out["altitude_m"] - 180.0) < out["protection_level_m"])
+    assert out["protection_level_m"].max() < 10.0
+
+
 @pytest.mark.parametrize("step_m", [50.0, -150.0, 300.0])
 def test_a_step_of_the_ground_is_found_again_and_never_called_normal_meanwhile(step_m):
     path = np.where(np.arange(800) < 410, 500.0, 500.0 + step_m)

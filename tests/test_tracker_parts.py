@@ -251,6 +251,17 @@ def test_a_certain_track_that_has_ended_is_remembered_until_its_place_is_vacant_
         assert (parts.deleter.predecessor is None) is vacant
 
 
+def test_received_frames_show_a_return_by_strength_and_not_by_power_alone():
+    """One frame of forty holds as much power there as a return in all of them: interference, of unknown shape."""
+    parts = parts_of()
+    steady, least = showing(parts, 150, 150, 54, power=50.0).block, parts.integrity.received_threshold
+    once = exponential(55)
+    once[7, :, 146:155] += 2000.0 * np.interp(np.arange(-4, 5), *parts.tables.point_shape).astype(np.float32)
+    found = steady.best()
+    assert steady.shows(found, least) and scan_of(parts, once).block.power_at(found) > 40.0
+    assert not scan_of(parts, once).block.shows(found, least)
+
+
 def test_a_gate_is_centred_on_the_prediction_at_the_middle_of_the_block():
     """At 100 m/s the middle of a block, 20 ms before its output, lies 2 m lower."""
     parts = parts_of()

@@ -13,6 +13,7 @@ import dataclasses
 import sys
 import time
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -58,16 +59,21 @@ def changed(name: str, factor: float) -> OfdmSettings | None:
     return dataclasses.replace(SETTINGS, **{name: value * factor})
 
 
+@cache
+def drawn(name: str, frames: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frames of a case, which all settings share, and their altitudes."""
+    rng = np.random.default_rng([seed, list(CASES).index(name)])
+    return received(CASES[name], MEASURED[name], frames, rng)
+
+
 def right(settings: OfdmSettings, frames: int, seed: int) -> dict[str, float]:
     """Pd of each case."""
     method = OfdmCancel(WAVEFORM, settings=settings)
     altimeter = shared_altimeter(WAVEFORM, AltimeterSettings())
     out = {}
-    for name, sir_db in MEASURED.items():
+    for name in MEASURED:
         case = CASES[name]
-        given, altitude_m = received(
-            case, sir_db, frames, np.random.default_rng([seed, list(CASES).index(name)])
-        )
+        given, altitude_m = drawn(name, frames, seed)
         cleaned = given.copy()
         method.reset()
         for row, frame in zip(cleaned, given, strict=True):

@@ -20,6 +20,7 @@ import numpy as np
 from scipy import fft
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "python"))
+from radalt.core.interference import QpskEmitter
 from radalt.core.mitigation.qpsk.cma_equaliser import CmaEqualiser
 from radalt.core.mitigation.qpsk.pulse_estimation import estimate_pulse
 from radalt.core.mitigation.qpsk.settings import DEFAULTS, QpskSettings
@@ -62,6 +63,9 @@ def costs(frames: np.ndarray) -> list[str]:
     method = QpskCancel(WAVEFORM)
     method.process(frames[:2])
     later = iter(frames[2:])
+    rng = np.random.default_rng(1)
+    held = QpskEmitter().samples(frame.size, WAVEFORM.rate_hz, rng)
+    held = (held + 0.02 * rng.standard_normal((frame.size, 2)).view(complex)[:, 0]).astype(np.complex64)
 
     def detect() -> None:
         without_tones(frame)
@@ -70,6 +74,7 @@ def costs(frames: np.ndarray) -> list[str]:
 
     steps: dict[str, Callable[[], object]] = {
         "detect": detect,
+        "hold": lambda: cancel_zero_order_hold(held, DEFAULTS),
         "demodulation": lambda: CmaEqualiser(frame, timing, DEFAULTS).symbols(),
         "pulse": lambda: estimate_pulse(frame, symbols, DEFAULTS),
         "tracking": lambda: method.cancel(next(later), search=False),

@@ -23,7 +23,8 @@ from evaluate import FAILED_PD, SNR_DB, Delayed, Scenes
 
 from radalt.core.interference import QpskEmitter, ToneEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
-from radalt.core.interference.evm import TYPICAL
+from radalt.core.interference.evm import EMITTERS, TYPICAL
+from radalt.core.mitigation import METHODS
 from radalt.core.mitigation.tcae import default_model_path
 from radalt.core.paths import model_path
 from radalt.core.receiver.altimeter import Altimeter
@@ -33,6 +34,7 @@ from radalt.evaluation.engine.shell import StudyCommand
 from radalt.evaluation.engine.study import Point, Run, Study
 from radalt.evaluation.results.break_point import BreakPoint, break_point_of
 from radalt.evaluation.results.chain import Chain, seconds_per_frame
+from radalt.evaluation.results.figure import new_figure, save_figure
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.proportion import clopper_pearson_bound, wilson_interval
@@ -130,7 +132,11 @@ class SweepStudy(Study):
     trials: int = 30
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
-    published: ClassVar[Mapping[str, str]] = {"report.md": "sweeps.md", "rows.csv": "data/sweeps.csv"}
+    published: ClassVar[Mapping[str, str]] = {
+        "report.md": "sweeps.md",
+        "rows.csv": "data/sweeps.csv",
+        "figures/sweeps.png": "figures/sweeps.png",
+    }
 
     @property
     def needs_network(self) -> bool:
@@ -196,7 +202,9 @@ class SweepStudy(Study):
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[Row]], run: Run) -> Path:
         """See `Study`."""
+        draw(rows["rows"], folder.path / "figures" / "sweeps.png")
         tables = {"break_table": break_table(rows["rows"]), "alone_table": alone_table(rows["rows"])}
+        tables["headline"] = headline(rows["rows"])
         template = Path(__file__).with_name("evaluate_sweeps.md.j2")
         return write_result(folder, template, run.as_dict(), rows, tables)
 
@@ -263,6 +271,58 @@ def break_table(rows: Sequence[Row]) -> str:
             [described(SWEEPS[sweep]), interferer, f"{overlap:g}", *cells, *map(_wrong, mine.values())]
         )
     return table(["sweep", "interferer", "overlap", *names, *(f"wrong, {m}" for m in names[1:])], lines)
+
+
+def headline(rows: Sequence[Row]) -> str:
+    """By how much ``tcae`` breaks below ``whitening`` under delayed QPSK at full overlap, over the sweeps."""
+    found = {
+        case[0]: methods
+        for case, methods in break_points(rows).items()
+        if case[1:] == ("qpsk_rectangular_delayed", 1.0)
+    }
+    gains_db = [m["whitening"].sir_db - m["tcae"].sir_db for m in found.values()]
+    trials = int(rows[0]["trials"])
+    low, _ = wilson_interval(trials, trials)
+    return (
+        f"Under QPSK on 27 % of the sweep at full overlap, `tcae` breaks {min(gains_db):.1f} to {max(gains_db):.1f} dB "
+        f"below `whitening`** ({trials} of {trials} frames right are a Pd of {low:.2f} to 1)"
+    )
+
+
+def draw(rows: Sequence[Row], path: Path, emitters: str = EMITTERS) -> None:
+    """Break-points at full overlap over the swept bandwidth: delayed QPSK, and the NR carrier of each sweep."""
+    figure = new_figure(5.2, 3.4)
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    found = break_points(rows)
+    for axis, kind in zip(axes, ("qpsk_rectangular_delayed", "nr"), strict=True):
+        cases: dict[float, dict[str, BreakPoint]] = {}  # by bandwidth; NR is the narrower of a sweep's two
+        for (sweep, interferer, overlap), methods in found.items():
+            if overlap == 1.0 and interferer.startswith(kind):
+                cases.setdefault(SWEEPS[sweep].bandwidth_hz / 1e6, methods)
+        for method in ("none", "whitening", "tcae"):
+            style = METHODS[method].style
+            points = sorted((mhz, methods[method].sir_db) for mhz, methods in cases.items())
+            axis.plot(
+                *zip(*points, strict=True),
+                color=style.colour,
+                marker=style.marker,
+                ls=style.line,
+                label=method,
+            )
+        axis.axhline(min(SIRS_DB), color="0.6", ls=":", lw=1)
+        axis.set_xscale("log")
+        axis.set_xticks([1, 3, 7.5, 20, 40], ["1", "3", "7.5", "20", "40"], minor=False)
+        axis.xaxis.set_minor_formatter("")
+        axis.grid(alpha=0.3)
+        axis.set_xlabel("swept bandwidth / MHz")
+    axes[0].set_title("QPSK, 27 % of the sweep", fontsize=10)
+    axes[1].set_title("5G, 5 MHz (10 from 20 on)", fontsize=10)
+    axes[0].set_ylabel("break-point SIR / dB")
+    handles = axes[0].get_legend_handles_labels()
+    figure.legend(
+        *handles, loc="outside upper center", ncols=3, frameon=False, title=f"{emitters}, full overlap"
+    )
+    save_figure(figure, path)
 
 
 def alone_table(rows: Sequence[Row]) -> str:

@@ -81,12 +81,11 @@ def method_class(name: str) -> type[Mitigation]:
 
 _NAMED: dict[str, type[Mitigation]] = {}  # by `name_method`
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
-# Bold styles, so that a user's own method stands out in a figure.
+# Solid lines, so that a user's own method stands out in a figure.
 _OWN_STYLES = (
-    PlotStyle("#000000"),
-    PlotStyle("#B2182B", "D"),
     PlotStyle("#1B7837", "s"),
     PlotStyle("#762A83", "P"),
+    PlotStyle("#A6611A", "<"),
 )
 
 

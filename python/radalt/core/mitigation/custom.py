@@ -54,7 +54,7 @@ class Custom(Mitigation):
     """
 
     name = "custom"
-    style = PlotStyle("#000000")
+    style = PlotStyle("#B2182B", "D")
 
     def __init__(self, waveform: Waveform, *, file: str | Path | None = None) -> None:
         if not file:

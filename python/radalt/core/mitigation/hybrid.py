@@ -7,11 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle
+from .base import Mitigation, MitigationError, PlotStyle, unit_peak
 from .interference_detector import InterferenceDetector
+from .ofdm.return_estimation import ReturnEstimator
+from .ofdm.settings import SETTINGS
 from .ofdm_cancel import OfdmCancel
 from .qpsk_cancel import QpskCancel
-from .tcae import Tcae
+from .tcae import LOST_DB, Tcae
 from .whitening import Whitening
 
 __all__ = ["Hybrid"]
@@ -32,10 +34,11 @@ class Hybrid(Mitigation):
     """`OfdmCancel` or `QpskCancel` where one can demodulate what fills the frame; else the network, or whitening.
 
     Card: *choice by signal.* A frame that shows no interference passes. An emitter that was cancelled in the frame
-    before is tracked. Otherwise OFDM and QPSK are searched, unless the return stands out already. What is left of a
-    frame that was cancelled goes to the network if it is coloured or held a burst: error vectors, symbols that the
-    frame cuts, other emitters. A frame that cannot be cancelled goes to the network as it is. No choice depends on
-    which altitude looks better.
+    before is tracked. Otherwise OFDM and QPSK are searched, unless the return stands out already. A frame that cannot
+    be cancelled goes to the network as it is. So does one that was cancelled, but held a burst or shows no return yet:
+    the network may know what error vectors hide. Where one return alone is left of it, this is the result. Otherwise
+    what the canceller left is, through the network if the frame held a burst, or if what is left is coloured and not
+    consistent with one return: symbols that the frame cuts, other emitters.
 
     Searches have a budget: each frame adds a quarter of the time that it lasts, a search spends its cost in FFTs, and
     none begins while the balance is negative. So searches take a quarter of real time, whatever is received, and
@@ -75,7 +78,9 @@ class Hybrid(Mitigation):
     def __init__(self, waveform: Waveform, *, other: str = "tcae", span_m: float | None = None) -> None:
         if other not in _OTHERS:
             raise MitigationError(f"hybrid.other is {other!r}; one of {', '.join(_OTHERS)}")
-        self._cancellers = (OfdmCancel(waveform, span_m=span_m), QpskCancel(waveform))
+        ofdm = OfdmCancel(waveform, span_m=span_m)
+        self._cancellers = (ofdm, QpskCancel(waveform))
+        self._returns = ReturnEstimator(waveform, ofdm.span_m, SETTINGS)
         self._other = Tcae(waveform) if other == "tcae" else Whitening(waveform)
         self._detector = InterferenceDetector(waveform)
         self._income = _SEARCH_FFTS * _RATE_HZ / waveform.rate_hz
@@ -108,11 +113,25 @@ class Hybrid(Mitigation):
                 disturbed[row] = cancelled is None
             if cancelled is not None:
                 self.cancelled += 1
-                out[row] = cancelled
-                disturbed[row] = _has_burst(frame) or self._is_coloured(cancelled)
+                out[row], disturbed[row] = self._chosen(frame, cancelled)
         if disturbed.any():
             out[disturbed] = self._other.process(out[disturbed])
         return out
+
+    def _chosen(self, frame: np.ndarray, cancelled: np.ndarray) -> tuple[np.ndarray, bool]:
+        """(N,) of a frame and of what a canceller left of it, and whether the network has to clean it."""
+        burst = _has_burst(frame)
+        if not burst and self._detector.return_stands_out(cancelled[None])[0]:
+            return cancelled, False
+        received = self._other.process(frame[None])[0]
+        if self._detector.residual_db(received[None])[0] < LOST_DB and self._is_consistent(received):
+            return received, False
+        done = self._detector.white(cancelled[None])[0] or self._is_consistent(cancelled)
+        return cancelled, burst or not done
+
+    def _is_consistent(self, frame: np.ndarray) -> bool:
+        """Whether one return is left of an (N,) frame; see `ReturnEstimator.is_consistent`."""
+        return self._returns.is_consistent(unit_peak(frame[None])[0])
 
     def _tracked(self, frame: np.ndarray) -> np.ndarray | None:
         """(N,) frame without the emitter of the frame before; None if there was none, or it is lost."""
@@ -133,10 +152,6 @@ class Hybrid(Mitigation):
             if out is not None:
                 return out if getattr(method, "burst_weight", 1.0) >= _MIN_WEIGHT else None
         return None
-
-    def _is_coloured(self, left: np.ndarray) -> bool:
-        """Whether what is left of a frame that was cancelled, (N,), hides the return and is no white noise."""
-        return not (self._detector.return_stands_out(left[None])[0] or self._detector.white(left[None])[0])
 
 
 def _has_burst(frame: np.ndarray) -> bool:

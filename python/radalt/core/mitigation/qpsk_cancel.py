@@ -22,7 +22,7 @@ __all__ = ["QpskCancel"]
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
 # FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one detection
 # in the frame and three trials of symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds
-_TRACKING, _TONES, _DETECTION, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 32.0, 50.0
+_TRACKING, _TONES, _DETECTION, _HOLD, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 25.0, 32.0, 50.0
 
 
 @dataclass(frozen=True)
@@ -152,6 +152,7 @@ class QpskCancel(Mitigation):
         frame = frame * (1 / scale)  # a complex division costs four times that
         held = cancel_zero_order_hold(frame, self._s)
         if held is not None:
+            self._ffts += _HOLD
             model, on, self._evm_squared = held
             out = self._subtracted(frame - model, model, slice(0, frame.size), on)
             return None if out is None else out * scale

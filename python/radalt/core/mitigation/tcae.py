@@ -20,7 +20,7 @@ from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there, network_files
 from .rehearsal import rehearse
 from .shift_check import ShiftCheck
 
-__all__ = ["Tcae", "default_model_path", "CONTRACT_KEYS"]
+__all__ = ["CONTRACT_KEYS", "LOST_DB", "Tcae", "default_model_path"]
 
 # metadata every model carries
 CONTRACT_KEYS = (
@@ -36,7 +36,7 @@ LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
 _APART = 2500  # samples between the three whose modulus is compared first, for speed
 _LOUD = 1e15  # scale from which a network's output may leave float32
 # Power beside the return over the return's in an output, dB, from which the altimeter alone is better in white noise.
-_LOST_DB = -1.0
+LOST_DB = -1.0
 # Stride in samples at which an output is checked: within 0.3 dB of all samples, prime to the filterbank's period, 30.
 _EVERY = 7
 
@@ -269,7 +269,7 @@ class Tcae(Mitigation):
         """Put frames (n, N) in white noise of which the network left no clear return into its output; which, (n,)."""
         lost = np.zeros(len(batch), dtype=bool)
         if self._doubt is not None:
-            lost = self._doubt.residual_db(out, _EVERY) > _LOST_DB
+            lost = self._doubt.residual_db(out, _EVERY) > LOST_DB
             if lost.any():
                 lost[lost] = self._doubt.white(batch[lost])
                 self.skipped_frames += int(np.count_nonzero(lost))

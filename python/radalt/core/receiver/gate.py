@@ -55,7 +55,8 @@ class Gate:
         """Mask of the table's entries that may continue a track."""
         t, f = self.tables, track.filter
         row = np.array([1.0, -scan.lead_s])
-        sigma = np.sqrt(row @ f.covariance @ row + track.latest.altitude_variance_m2)
+        measured_m2 = track.latest.altitude_variance_m2 + track.latest.fluctuation_m2
+        sigma = np.sqrt(row @ f.covariance @ row + measured_m2)
         expected = row @ f.mean + scan.residual_m
         width = min(GATE_SIGMAS * sigma, self._widest_m) + _GRID_CELLS * t.cell_m
         near = np.abs(t.altitude_m - expected) <= width

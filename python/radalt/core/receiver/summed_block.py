@@ -52,6 +52,10 @@ _CLEAR, _SAME_PLACE_CELLS = 20.0, 0.15
 # and share of the return's power. A point at 20 m/s has .0007 at most (SNR 30 dB). A share of .01 or more would let a
 # return 20 dB weaker pass both tests: what fluctuates by less than the share still hides its mean.
 _FLUCTUATION_SIGMAS, _FLUCTUATION_SHARE = 3.0, 0.005
+# Ground whose power falls off linearly or faster, with powers that add, pulls by up to 0.86 resolution cells times the
+# fourth root of its deviation (two equal returns: 0.62). The protection level takes three cells times the square root
+# of `Block.shape_deviation`, so this is (0.86 / 3)^2.
+_POWERS_ADD = 0.082
 _MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
@@ -75,6 +79,9 @@ class Measurement:
         Row of the joint table, for the speed by which frames were moved.
     altitude_speed_covariance : float
         In m m/s; the halves' errors differ, and each goes into both.
+    fluctuation_m2 : float
+        Variance of the altitude beyond that of noise, by how the peak moves from frame to frame: the facets of extended
+        ground interfere anew in each.
     """
 
     altitude_m: float
@@ -86,6 +93,7 @@ class Measurement:
     power: float
     row: int
     altitude_speed_covariance: float = 0.0
+    fluctuation_m2: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -110,6 +118,11 @@ def _at(rows: np.ndarray, cells: np.ndarray) -> np.ndarray:
         (x + 1) * x * (x - 1) / 6,
     )
     return sum(weight * rows[:, whole + k - 1] for k, weight in enumerate(weights))
+
+
+def _changing(rows: np.ndarray) -> np.ndarray:
+    """Variance over the first axis of what is new in every frame: a step or a trend within the block hardly counts."""
+    return 0.5 * np.mean(np.diff(rows, axis=0) ** 2, axis=0)
 
 
 class Block:
@@ -237,12 +250,16 @@ class Block:
         t = self.tables
         k = int(t.rows[entry.row, 0])
         power, floor, slope = self._sums(k)
-        fine, variance, over = np.empty(2), np.empty(2), np.empty(2)
+        frames = self._aligned(k)
+        fine, variance, over, moves = np.empty((4, 2))
         for half in range(2):
             peak = self._peak(power[half], floor[half], slope[half], entry.cells[half])
             if peak is None:
                 return None
-            fine[half], variance[half], over[half] = peak
+            fine[half], variance[half], over[half], curvature = peak
+            at = round(fine[half])
+            slopes = frames[:, half, at + 1] - frames[:, half, at - 1]
+            moves[half] = self.count * float(_changing(slopes)) / curvature**2
         up, down = (float(t.beat_hz[0] + t.cell_hz * f) for f in fine)
         hz2 = float(variance.sum()) * t.cell_hz**2
         w = t.waveform
@@ -254,6 +271,7 @@ class Block:
             altitude_variance_m2=hz2 * per_hz[0] ** 2,
             speed_variance_m2_per_s2=hz2 * per_hz[1] ** 2,
             altitude_speed_covariance=apart_hz2 * per_hz[0] * per_hz[1],
+            fluctuation_m2=max(0.0, float((moves - variance).sum())) * (t.cell_hz * per_hz[0]) ** 2,
             strength=entry.strength,
             cells=fine,
             power=float(over.mean()),
@@ -262,8 +280,8 @@ class Block:
 
     def _peak(
         self, power: np.ndarray, floor: float, slope: float, cell: int
-    ) -> tuple[float, float, float] | None:
-        """Position of the peak next to a cell, its variance, in cells, and its power over noise; None without one."""
+    ) -> tuple[float, float, float, float] | None:
+        """Position of the peak next to a cell, its variance, in cells; power over noise; curvature; None without it."""
         cell = self._climb(power, cell)
         left, here, right = power[cell - 1 : cell + 2]
         curvature = 2.0 * here - left - right
@@ -276,6 +294,7 @@ class Block:
             cell + float(np.interp((right - left) / curvature, *self.tables.peak_curve)),
             float(variance),
             over,
+            float(curvature),
         )
 
     def moved_since(self, found: Measurement) -> tuple[float, float]:
@@ -360,15 +379,16 @@ class Block:
             return mixed and other.power > found.power
         return bool(near >= 1.0 and found.power < other.power * _SIDE_LOBE_SPARE / (np.pi * near) ** 2)
 
-    def shows(self, found: Measurement) -> bool:
-        """Whether the block shows another block's return clearly: 13 dB over noise, both halves at the same place."""
-        here = self.measure(Entry(0.0, 0.0, tuple(round(c) for c in found.cells), 0.0, found.row))
-        apart = _SAME_PLACE_CELLS * self.tables.resolution_cells
-        return (
-            here is not None
-            and here.power >= _CLEAR
-            and bool(np.abs(here.cells - found.cells).max() <= apart)
-        )
+    def shows(self, found: Measurement, least: float) -> bool:
+        """Whether the block shows another block's return clearly: ``least`` strength, 13 dB over noise, the same place.
+
+        Power alone may be interference that fills a part of the sweep in every frame.
+        """
+        t, at = self.tables, np.round(found.cells)
+        here = self.best((np.abs(t.up_cell - at[0]) <= 1) & (np.abs(t.down_cell - at[1]) <= 1))
+        if here is None or here.strength < least or here.power < _CLEAR:
+            return False
+        return bool(np.abs(here.cells - found.cells).max() <= _SAME_PLACE_CELLS * t.resolution_cells)
 
     def lobe_from_beyond(self, found: Measurement) -> bool:
         """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.
@@ -469,7 +489,9 @@ class Block:
         """How far a return's peak deviates from a point's: share of its energy within a resolution cell, 0..1.
 
         What the frames' own noise may add is taken off, twice its mean. A second return within the main lobe deviates
-        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance.
+        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance. Where
+        frames deviate more from each other than their mean does from a point, phases turn within the block and powers
+        add, as over extended ground: a deviation counts as the smaller one that pulls as far then.
         """
         t = self.tables
         frames = self._aligned(int(t.rows[found.row, 0]))
@@ -478,11 +500,16 @@ class Block:
         shares = np.empty(2)
         for half, at in enumerate(found.cells):
             cells = np.clip(round(at) + np.arange(-reach, reach + 1), 0, frames.shape[2] - 1)
-            power = frames[:, half, cells].mean(axis=0) - level[half]
+            over = frames[:, half, cells] - level[half]
             point = np.interp(cells - at, *t.point_shape)
-            rest = power - float(power @ point / (point @ point)) * point
-            noise = float(frames[:, half, cells].var(axis=0).sum()) / max(1, self.count - 1)
-            shares[half] = max(0.0, float(rest @ rest) - 2.0 * noise) / max(float(power @ power), 1e-12)
+            rest = over - np.outer(over @ point / (point @ point), point)
+            power, deviates, spread = over.mean(axis=0), rest.mean(axis=0), float(_changing(rest).sum())
+            energy = max(float(power @ power), 1e-12)
+            share = float(deviates @ deviates) / energy
+            shares[half] = max(0.0, share - 2.0 * spread / energy / max(1, self.count - 1))
+            noise = float(np.sum(level[half] * (2.0 * power + level[half])))
+            if spread - noise > share * energy:
+                shares[half] = min(shares[half], _POWERS_ADD * np.sqrt(shares[half]))
         return min(1.0, float(shares.mean()))
 
     def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:

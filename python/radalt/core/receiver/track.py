@@ -53,7 +53,7 @@ class Kalman:
         """Altitude found less altitude expected, and its variance."""
         row = np.array([1.0, -lead_s])
         return float(found.altitude_m - row @ self.mean), float(
-            row @ self.covariance @ row + found.altitude_variance_m2
+            row @ self.covariance @ row + found.altitude_variance_m2 + found.fluctuation_m2
         )
 
     def speed_innovation(self, found: Measurement) -> tuple[float, float]:
@@ -74,6 +74,7 @@ class Kalman:
         rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[:n]
         # errors of altitude and Doppler, if the altitude is off by one standard deviation
         pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)
+        noise[0, 0] += found.fluctuation_m2  # new in every frame, so its sign does not last
         gain = self.covariance @ rows.T @ _inverse(rows @ self.covariance @ rows.T + noise)
         self.mean = self.mean + gain @ rest
         self.pulled = self.pulled + gain @ (pull - rows @ self.pulled)

@@ -77,7 +77,8 @@ class Integrity:
 
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
     60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point pays
-    0.1 to 0.5 m. Where interference hides the return the part keeps its value.
+    0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate from
+    each other (`Block.shape_deviation`).
 
     It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
     ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep
@@ -90,7 +91,7 @@ class Integrity:
         self.gate, self.settings, self.sweep_s = gate, settings, t.waveform.sweep_s
         self.search_threshold = noise_threshold(settings.search_pfa, t.trials)
         # a base station's pattern recurs within the block, which halves the independent frames, for a whole flight
-        self._received_threshold = np.sqrt(2.0) * self.search_threshold
+        self.received_threshold = np.sqrt(2.0) * self.search_threshold
         self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
         self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
         self._rival_sigmas = noise_threshold(settings.risk / 2.0, (t.last - t.first) / t.resolution_cells)
@@ -160,10 +161,10 @@ class Integrity:
         t = self.tables
         found = replace(found, power=before.power_at(found))
         beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
-        if beside is not None and beside.strength >= self._received_threshold:
+        if beside is not None and beside.strength >= self.received_threshold:
             if self._second(before, found, near_m):
                 return True
-        return self._rival(before, found.power, here_m, near_m, self._received_threshold)
+        return self._rival(before, found.power, here_m, near_m, self.received_threshold)
 
     def _rival(self, block: Block, power: float, here_m: float, near_m: float, least: float) -> bool:
         """Whether a return beyond ``near_m`` of one of some power could be the ground; ``least`` strength."""

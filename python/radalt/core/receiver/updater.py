@@ -99,7 +99,7 @@ class Updater:
     def _compare_shape(self, track: Track, scan: Scan, found: Measurement) -> None:
         """Update the deviation of a track's peak from a point's, in frames as received: a method changes shapes."""
         block = scan.received
-        if scan.sum_received is None or block.shows(found):
+        if scan.sum_received is None or block.shows(found, self.integrity.received_threshold):
             track.deviation += (block.shape_deviation(found) - track.deviation) / track.evidence.weight
 
     def _inside(self, track: Track, found: Measurement, scan: Scan) -> bool:

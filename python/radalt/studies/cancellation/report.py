@@ -81,7 +81,7 @@ def _table(rows: Sequence[Row], stream: bool) -> str:
 
 def draw_pd(rows: Sequence[Row], path: Path) -> None:
     """Pd over SIR by EVM, with 95 % intervals, and without mitigation."""
-    figure = new_figure(7.0, 3.6)
+    figure = new_figure(4.8, 3.8)
     axis = figure.subplots()
     for name, colour, marker in zip(_DRAWN, _COLOURS, _MARKERS, strict=True):
         for method, line in (("ofdm_cancel", "-"), ("none", ":")):
@@ -103,5 +103,5 @@ def draw_pd(rows: Sequence[Row], path: Path) -> None:
     axis.set(xlabel="SIR / dB", ylabel="Pd within 5 m", ylim=(-0.03, 1.03))
     axis.grid(alpha=0.3)
     if axis.get_legend_handles_labels()[0]:
-        axis.legend(fontsize=8, loc="lower left")
+        figure.legend(loc="outside upper center", ncols=2, fontsize=9, frameon=False)
     save_figure(figure, path)

@@ -11,6 +11,7 @@ from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.proportion import mcnemar
 from ...evaluation.results.table import number, table
+from .figure import case_name, draw
 
 if TYPE_CHECKING:
     from .study import DetectionStudy
@@ -21,7 +22,8 @@ __all__ = ["null_table", "return_table", "write_report"]
 def write_report(
     folder: RunFolder, study: DetectionStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
 ) -> Path:
-    """Write ``report.md`` and ``report.json``; returns the page."""
+    """Write the figure, ``report.md`` and ``report.json``; returns the page."""
+    draw(rows["rows"], rows["null"], folder.path / "figures" / "detection.png")
     tables = {"return_table": return_table(rows["rows"]), "null_table": null_table(rows["null"])}
     noise = [row for row in rows["null"] if row["scene"] == "none"]
     tables["noise_worst"] = max(noise, key=lambda row: row["rate"], default=None)
@@ -37,7 +39,6 @@ def return_table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _line(row: dict[str, Any]) -> list[str]:
-    level = f"SNR {row['snr_db']:g}" if row["scene"] == "none" else f"{row['scene']} {row['sir_db']:g}"
     cells = []
     for whose in ("", "textbook_"):
         cells.append(f"{number(row[whose + 'declared'], 3)} / {number(row[whose + 'forced'], 3)}")
@@ -46,7 +47,7 @@ def _line(row: dict[str, Any]) -> list[str]:
         ours, theirs = row[name], row["textbook_" + name]
         chance = mcnemar(ours, theirs)
         cells.append(f"{ours} : {theirs}, p {'< 0.01' if chance < 0.01 else number(chance)}")
-    return [f"{row['method']}, {level} dB", f"{row['allowed_m_per_s']:g}", *cells]
+    return [case_name(row), f"{row['allowed_m_per_s']:g}", *cells]
 
 
 def null_table(rows: Sequence[dict[str, Any]]) -> str:

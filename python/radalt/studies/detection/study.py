@@ -274,6 +274,7 @@ class DetectionStudy(ChainStudy):
         "report.md": "detection.md",
         "rows.csv": "data/detection.csv",
         "null.csv": "data/detection_null.csv",
+        "figures/detection.png": "figures/detection.png",
     }
 
     @property

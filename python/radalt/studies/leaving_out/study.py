@@ -98,7 +98,11 @@ class LeavingOutStudy(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": _COLUMNS}
     max_jobs: ClassVar[int | None] = 1
-    published: ClassVar[Mapping[str, str]] = {"report.md": "leaving_out.md"}
+    published: ClassVar[Mapping[str, str]] = {
+        "report.md": "leaving_out.md",
+        "rows.csv": "data/leaving_out.csv",
+        "figures/leaving_out.png": "figures/leaving_out.png",
+    }
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""

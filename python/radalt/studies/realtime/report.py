@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from ...evaluation.engine.study import Run
+from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.table import number, table
 from .study import Measurement
 
-__all__ = ["Benchmark", "tables_of", "write_report"]
+__all__ = ["Benchmark", "draw", "tables_of", "write_report"]
+
+_COLOURS = ("#0072B2", "#E69F00")  # Okabe and Ito
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,37 @@ def tables_of(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
 
 
 def write_report(folder: RunFolder, found: Mapping[str, Benchmark], sweep_s: float, run: Run) -> Path:
-    """Write ``report.md``, ``report.html`` and ``report.json`` of the runs by title; returns the page."""
+    """Write the figure, ``report.md``, ``report.html`` and ``report.json`` of the runs by title; returns the page."""
     runs = {title: benchmark.numbers(sweep_s) for title, benchmark in found.items()}
+    draw(
+        {title: r["ffts_per_frame_by_block"] for title, r in runs.items()},
+        folder.path / "figures" / "blocks.png",
+    )
     template = Path(__file__).with_name("report.md.j2")
     return write_result(folder, template, run.as_dict(), {"runs": runs}, tables_of(runs))
+
+
+def draw(runs: Mapping[str, Mapping[str, float]], path: Path) -> None:
+    """FFTs per frame by block as bars, one colour per run; ``runs`` is {title: {block: FFTs}}."""
+    blocks = sorted(
+        dict.fromkeys(b for r in runs.values() for b in r),
+        key=lambda b: -max(r.get(b, 0.0) for r in runs.values()),
+    )
+    figure = new_figure(4.6, 1.3 + 0.34 * len(blocks))
+    axis = figure.subplots()
+    width = 0.8 / len(runs)
+    for k, (title, cost) in enumerate(runs.items()):
+        y = [b + width * (k - 0.5 * (len(runs) - 1)) for b in range(len(blocks))]
+        label = f"{title}, {sum(cost.values()):.0f} together"
+        axis.barh(
+            y, [cost.get(b, 0.0) for b in blocks], width, color=_COLOURS[k % len(_COLOURS)], label=label
+        )
+    axis.set_yticks(range(len(blocks)), blocks, fontsize=9)
+    axis.invert_yaxis()
+    axis.set_xlabel("CPU time per frame / FFTs of the frame")
+    axis.grid(axis="x", alpha=0.3)
+    axis.legend(loc="lower right", fontsize=9)
+    save_figure(figure, path)
 
 
 _SHOWN: dict[str, Callable[[Mapping[str, Any]], Any]] = {
