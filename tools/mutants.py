@@ -2,9 +2,10 @@
 """Which small mistakes in the receiver, the channel and the radio do the tests find? `make mutants` prints a table.
 
 Negates a comparison, swaps + and -, or swaps `and` and `or` within a function, one at a time, and runs the tests that
-call the function, the cheapest first. A survivor is a missing test, or a change on which no result depends. A test that
-fails without a mutation, too, kills nothing; nor does a run without an end, which may be a slow machine.
-RADALT_MUTANTS_S is the time it takes, s (default 3600); arguments are modules, or lines of them, as altimeter:120.
+call the function, the cheapest first. A survivor is a missing test, a dear one that was left out, or a change on which
+no result depends. A test that fails without a mutation, too, kills nothing; nor does a run without an end, which may be
+a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600); arguments are modules, or lines of them, as
+altimeter:120.
 
 Everything is imported once. Each mutant is a fork of that process, in which the functions of the module get other code:
 starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.
