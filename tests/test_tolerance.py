@@ -11,8 +11,8 @@ from radalt.core.parsing import InputError
 from radalt.core.receiver.tracker_settings import Status
 from radalt.studies.tolerance.command import main
 from radalt.studies.tolerance.criteria import HIGHEST_DBM, LOWEST_DBM, break_level, judged
-from radalt.studies.tolerance.interferers import INTERFERERS
-from radalt.studies.tolerance.report import pooled
+from radalt.studies.tolerance.interferers import INTERFERERS, locked_m
+from radalt.studies.tolerance.report import draw, figure_name, pooled
 from radalt.studies.tolerance.study import ToleranceStudy, Trial
 
 FT = 0.3048
@@ -51,16 +51,33 @@ def test_three_kinds_are_shipped():
         ("  iip3_dbm: [-14, assumed, me]", "more than 7.8 dB above"),
         ("  max_altitude_ft: [9000, assumed, me]", "raise it or lower max_altitude_ft"),
         ("  gain: [10, assumed, me]", "unknown key 'gain'"),
+        ("  gain_dbi: [10, assumed, '']", "has the source ''; expected words"),
+        ("  gain_dbi: [10, secondary, [sheet]]", "has the source \\['sheet'\\]; expected words"),
+        ("  preselector_hz: [100.0e6, assumed, me]", "it has to pass the sweep"),
+        (
+            "  carrier_hz: [4.25e9, assumed, me]",
+            "covers 4175 to 4325 MHz; it has to stay within 4200 to 4400",
+        ),
+        ("  p1db_dbm: [-20, assumed, me]\ngain_dbi: 12", "gain_dbi stands outside numbers"),
     ],
 )
 def test_a_wrong_number_gets_one_line(tmp_path, line, message):
-    source = (load_profile.__globals__["share_dir"]() / "flowgraphs/altimeters/fmcw_150mhz.yaml").read_text()
-    (tmp_path / "fmcw_150mhz.yaml").write_text(source)
     path = tmp_path / "mine.yaml"
     path.write_text(f"base: fmcw_150mhz\nname: mine\nnumbers:\n{line}\n")
     with pytest.raises(InputError, match=message) as error:
         load_profile(path)
     assert "\n" not in str(error.value)
+
+
+def test_a_base_is_a_file_beside_or_a_shipped_profile(tmp_path):
+    mine, second = tmp_path / "mine.yaml", tmp_path / "second.yaml"
+    mine.write_text("base: counter\nname: mine\nnumbers:\n  gain_dbi: [12, assumed, a horn]\n")
+    second.write_text("base: mine\nname: second\n")
+    found = load_profile(second)
+    assert (found.name, found.gain_dbi, found.detector) == ("second", 12.0, "counter")
+    second.write_text("base: nobody\nname: second\n")
+    with pytest.raises(InputError, match="no altimeter 'nobody'; there are bench"):
+        load_profile(second)
 
 
 def test_a_missing_number_and_an_unknown_profile_are_named(tmp_path):
@@ -142,6 +159,7 @@ def test_bisection_is_within_half_a_decibel(true, expected):
     assert all(LOWEST_DBM <= level <= HIGHEST_DBM for level in asked)
     assert len(asked) < 20
     assert break_level(lambda level: False, expected) is None
+    assert abs(break_level(lambda level: level >= 40.2, expected, 54) - 40.2) <= 0.5
 
 
 def test_seeds_are_pooled_with_their_interval():
@@ -150,6 +168,27 @@ def test_seeds_are_pooled_with_their_interval():
     assert found.mean == pytest.approx(-10.0)
     assert found.half == pytest.approx(4.303 / np.sqrt(3), abs=0.01)
     assert np.isnan(found.margin)
+
+
+def test_a_figure_holds_one_method_and_the_rule_in_the_band():
+    study = ToleranceStudy("fmcw_150mhz", ("white_noise", "tone"), ("none", "blanking"), (50.0, 200.0))
+    row = {"break_dbm": -6.5, "break_dbm_per_mhz": -29.7, "margin_db": 49.4, "first": "within"}
+    groups = {
+        (method, name, feet): pooled([row])
+        for method in study.methods
+        for name in study.interferers
+        for feet in study.altitudes_ft
+    }
+    for method, title, name in (
+        ("none", "without mitigation", "tolerance.png"),
+        ("blanking", "with blanking", "tolerance_blanking.png"),
+    ):
+        axis = draw(load_profile("fmcw_150mhz"), study, groups, method).axes[0]
+        assert title in axis.get_title()
+        assert figure_name(study, method) == name
+        rule = axis.lines[-1]
+        assert list(rule.get_xdata()) == [50.0, 500.0]
+        assert rule.get_ydata()[0] == pytest.approx(-79.1, abs=0.05)
 
 
 # -- physics of a trial -------------------------------------------------------------------------------------------
@@ -183,6 +222,24 @@ def test_a_blocker_acts_through_the_amplifier_alone():
     assert np.vdot(returns[0], near[0]).real / np.vdot(returns[0], far[0]).real == pytest.approx(
         weak, abs=0.02
     )
+
+
+def test_a_blocker_is_searched_past_what_table_1_asks_for():
+    """9.5 dBW/m2/MHz at 3.93 GHz over 98 MHz are +33 dBm at the port, above the highest level in the band."""
+    profile, kind = load_profile("fmcw_150mhz"), INTERFERERS["blocker"]
+    asked = 9.5 + 30 + 10 - 33.34 - 3 + 10 * np.log10(98)
+    assert HIGHEST_DBM < asked < kind.highest_dbm(profile) == 54
+    assert INTERFERERS["white_noise"].highest_dbm(profile) == HIGHEST_DBM
+
+
+def test_a_locked_sweep_lies_within_the_span_and_wins_there():
+    low = replace(load_profile("fmcw_150mhz"), max_altitude_ft=1000.0)
+    assert locked_m(load_profile("fmcw_150mhz")) == 450.0
+    assert locked_m(low) < low.max_range_m
+    trial = Trial(low, "equal_locked", "none", 20, 1)
+    status, altitude = trial.outputs(trial.returns(200.0), -50.0)
+    assert (status == Status.NORMAL).all()
+    assert altitude == pytest.approx(locked_m(low) - low.installation_delay_ft * FT, abs=0.5)
 
 
 @pytest.mark.parametrize(
@@ -228,15 +285,30 @@ def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_ret
     assert float(rows[0]["margin_db"]) == pytest.approx(float(rows[0]["break_dbw_per_m2_mhz"]) + 82.0)
     assert rows[1]["margin_db"] == ""  # Table 1 ends at 500 ft
     page = (out / "report.md").read_text()
+    assert "--interferers=white_noise --method=none --altitudes-ft=200.0,1000.0 --outputs=20" in page
+    assert "asks for -82 dBW/m²/MHz, which is -79.1 dBm/MHz at the port" in page
+    assert "95 %" not in page  # of one seed
     assert "secondary" in page
     assert "Margin to 14 CFR 91.220(b) Table 1" in page
     assert (out / "tolerance.svg").stat().st_size > 1000
 
 
+def test_an_interferer_that_the_if_cannot_hold_is_refused_before_anything_is_measured(tmp_path, capsys):
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: fmcw_150mhz\nname: mine\nnumbers:\n  if_rate_hz: [1.6e6, assumed, own]\n")
+    assert main(["--profile", str(path), "--dry-run", "--out", str(tmp_path / "run")]) == 2
+    assert "--interferers: nr10: the IF's rate 1.6e+06 is no multiple" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--method", "ofdm_cancel"], "has not; after its IF filter work none, whitening"),
+        (
+            ["--method", "ofdm_cancel"],
+            "--method: 'ofdm_cancel' is none of those that work behind an IF filter",
+        ),
+        (["--altitudes-ft", "200,200.0"], "name each once"),
+        (["--altitudes-ft", "1420"], "is where equal_locked appears"),
         (["--interferers", "nr11"], "there are white_noise, tone"),
         (["--altitudes-ft", "6000"], "within 10..5500"),
         (["--altitudes-ft", "abc"], "has to be a number"),

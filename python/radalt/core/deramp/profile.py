@@ -41,8 +41,9 @@ _WORDS = {
     "detector": ("fft", "counter", "tracker"),
     "strategy": ("strongest", "leading_edge"),
 }
+_BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
 _LIMITS = {
-    "carrier_hz": (4.2e9, 4.4e9),
+    "carrier_hz": _BAND_HZ,
     "bandwidth_hz": (1e6, 200e6),
     "period_s": (0.2e-3, 20e-3),
     "transmit_w": (1e-3, 1e3),
@@ -158,6 +159,17 @@ class Profile:
             raise ValueError("mixer is real; the counter counts phase and needs iq")
         if self.detector == "tracker" and self.sweeps_per_output < 8:
             raise ValueError(f"sweeps_per_output is {self.sweeps_per_output}; the tracker needs at least 8")
+        low_hz, high_hz = (self.carrier_hz + side * 0.5 * self.bandwidth_hz for side in (-1, 1))
+        if low_hz < _BAND_HZ[0] or high_hz > _BAND_HZ[1]:
+            raise ValueError(
+                f"the sweep covers {low_hz / 1e6:g} to {high_hz / 1e6:g} MHz; it has to stay within 4200 to 4400: move "
+                "carrier_hz, its centre, or lower bandwidth_hz"
+            )
+        if self.preselector_hz < self.bandwidth_hz:
+            raise ValueError(
+                f"preselector_hz is {self.preselector_hz:g}, less than bandwidth_hz {self.bandwidth_hz:g}; it has to "
+                "pass the sweep: widen it"
+            )
         beat_hz = self.waveform.altitude_to_beat_hz(self.max_range_m)
         if not beat_hz <= self.if_pass_hz:
             raise ValueError(
@@ -300,9 +312,7 @@ def load_profile(name: str | Path) -> Profile:
     """
     path = Path(name)
     if path.suffix not in (".yaml", ".yml"):
-        path = share_dir() / "flowgraphs" / "altimeters" / f"{name}.yaml"
-        if not path.is_file():
-            raise InputError(f"there is no altimeter {str(name)!r}; there are {', '.join(profile_names())}")
+        path = _shipped(str(name))
     try:
         return _built(_merged(path))
     except InputError:
@@ -311,8 +321,16 @@ def load_profile(name: str | Path) -> Profile:
         raise InputError(f"altimeter {path.name}: {error}") from None
 
 
+def _shipped(name: str) -> Path:
+    """File of a shipped profile."""
+    path = share_dir() / "flowgraphs" / "altimeters" / f"{name}.yaml"
+    if not path.is_file():
+        raise InputError(f"there is no altimeter {name!r}; there are {', '.join(profile_names())}")
+    return path
+
+
 def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
-    """A file's keys over those of the file beside it that ``base`` names."""
+    """A file's keys over those of its ``base``: a file beside it, else a shipped profile."""
     data = load_yaml(path, what="altimeter")
     if not isinstance(data, dict) or not all(
         isinstance(data.get(k, {}), dict) for k in ("numbers", "sources")
@@ -322,8 +340,9 @@ def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
     if base is None:
         return data
     if depth > 3 or not isinstance(base, str):
-        raise ValueError(f"base is {base!r}; name a profile beside this one, four deep at most")
-    below = _merged(path.with_name(f"{base}.yaml"), depth + 1)
+        raise ValueError(f"base is {base!r}; name a shipped profile or one beside this, four deep at most")
+    beside = path.parent / f"{base}.yaml"
+    below = _merged(beside if beside.is_file() else _shipped(base), depth + 1)
     for key in ("numbers", "sources"):
         data[key] = below.get(key, {}) | data.get(key, {})
     return below | data
@@ -334,17 +353,24 @@ def _built(data: dict[str, Any]) -> Profile:
     numbers, sources = data.pop("numbers", {}), data.pop("sources", {})
     standing: dict[str, tuple[str, str]] = {}
     values = dict(data)
+    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "standing"}
+    outside = sorted(needed & set(data))
+    if outside:
+        raise ValueError(f"{outside[0]} stands outside numbers; give it there as [value, standing, source]")
     for name, entry in numbers.items():
         if not (isinstance(entry, list) and len(entry) == 3):
             raise ValueError(f"numbers.{name} is {entry!r}; expected [value, standing, source]")
         value, level, source = entry
         if level not in STANDINGS:
             raise ValueError(f"numbers.{name} has the standing {level!r}; allowed: {', '.join(STANDINGS)}")
+        if not (isinstance(source, str) and source.strip()):
+            raise ValueError(
+                f"numbers.{name} has the source {source!r}; expected words: a source, or a reason"
+            )
         if level != "assumed" and source not in sources:
             raise ValueError(f"numbers.{name} names the source {source!r}; sources has {', '.join(sources)}")
         standing[name] = level, str(sources.get(source, source))
         values[name] = value
-    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "standing"}
     absent = sorted(needed - set(numbers))
     if absent:
         raise ValueError(

@@ -30,8 +30,10 @@ def _list(text: str) -> tuple[str, ...]:
 
 
 def _feet(text: str) -> tuple[float, ...]:
-    """Altitudes in feet with commas."""
-    return tuple(number(float, 10.0, 20_000.0)(word) for word in _list(text))
+    """Altitudes in feet with commas, each once."""
+    feet = tuple(number(float, 10.0, 20_000.0)(word) for word in _list(text))
+    _list(",".join(map(str, feet)))  # 200 and 200.0 are one
+    return feet
 
 
 def _arguments(parser: Parser) -> None:
@@ -77,7 +79,8 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     """A measured point in a line."""
     first = rows[0]
     found = ", ".join(
-        f"{r['altitude_ft']:g} ft {r['first']}" if r.get("break_dbm") is None else
+        f"{r['altitude_ft']:g} ft {'not broken' if r['first'] == 'none' else r['first']}"
+        if r.get("break_dbm") is None else
         f"{r['altitude_ft']:g} ft {r['break_dbm']:+.1f} dBm ({r['first'].split()[0]})"
         for r in rows
     )  # fmt: skip

@@ -16,7 +16,7 @@ __all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "RUN_IN", "break_level", "ju
 _MEAN_SHARE, _WITHIN_SHARE, _WITHIN = 0.005, 0.02, 0.98
 _LEAST_M = 3 * foot  # error up to which no altitude is called wrong (assumed)
 _ALERT_S = 1.0  # longest time for which a wrong altitude may be called NORMAL (assumed)
-# levels searched; above, receivers are destroyed rather than wrong
+# levels searched, behind the preselector; above, receivers are destroyed rather than wrong
 LOWEST_DBM, HIGHEST_DBM = -150, 20
 _BRACKET_DB = 8  # first step from the expected level, doubled until the level is enclosed
 RUN_IN = 4  # outputs at the start that no criterion counts: a tracker confirms its track in them
@@ -57,21 +57,23 @@ def judged(status: np.ndarray, altitude_m: np.ndarray, truth_m: float, output_s:
     }
 
 
-def break_level(failed: Callable[[int], bool], expected: float) -> float | None:
-    """The level at which a criterion fails, to +/-0.5 dB; None if it holds at `HIGHEST_DBM`.
+def break_level(
+    failed: Callable[[int], bool], expected: float, highest_dbm: int = HIGHEST_DBM
+) -> float | None:
+    """The level at which a criterion fails, to +/-0.5 dB; None if it holds at the highest.
 
     Bisection over whole decibels, started about an expected level. It assumes that a criterion fails at all higher
     levels.
     """
-    low = int(np.clip(round(expected) - _BRACKET_DB // 2, LOWEST_DBM, HIGHEST_DBM - 1))
+    low = int(np.clip(round(expected) - _BRACKET_DB // 2, LOWEST_DBM, highest_dbm - 1))
     step = _BRACKET_DB
     while low > LOWEST_DBM and failed(low):
         low, step = max(low - step, LOWEST_DBM), 2 * step
     high, step = low + 1, _BRACKET_DB
     while not failed(high):
-        if high == HIGHEST_DBM:
+        if high == highest_dbm:
             return None
-        low, high, step = high, min(high + step, HIGHEST_DBM), 2 * step
+        low, high, step = high, min(high + step, highest_dbm), 2 * step
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if failed(middle) else (middle, high)

@@ -12,10 +12,12 @@ from ...core.deramp.front_end import EnvelopeGain
 from ...core.deramp.if_waveform import IfWaveform, white_noise
 from ...core.deramp.profile import Profile
 from ...core.waveform import altitude_to_delay_s
+from .criteria import HIGHEST_DBM
 
-__all__ = ["INTERFERERS", "Interferer", "others_mw"]
+__all__ = ["INTERFERERS", "Interferer", "locked_m", "others_mw"]
 
-LOCKED_M = 450.0  # altitude at which an equal, locked sweep appears
+_LOCKED_M = 450.0  # range at which an equal, locked sweep appears, installation delay included
+_LOCKED_SHARE = 0.75  # of the span, where that is less: it has to lie within
 _DRIFT = 1e-5  # relative difference of the periods of equal sweeps: two crystals of 5 ppm
 # Broadband noise of an emitter beside its signal: that of an oscillator (assumed); for NR an adjacent channel leakage
 # ratio of 45 dB, the usual limit of base stations, over the whole sweep.
@@ -47,8 +49,13 @@ def _other(profile: Profile, rng: np.random.Generator) -> Emitter:
     return OtherAltimeter(_retimed(w, period, 0.9 * w.bandwidth_hz), delay_s=period * rng.random())
 
 
+def locked_m(profile: Profile) -> float:
+    """Range at which an equal, locked sweep appears."""
+    return min(_LOCKED_M, _LOCKED_SHARE * profile.max_range_m)
+
+
 def _locked(profile: Profile, rng: np.random.Generator) -> Emitter:
-    return OtherAltimeter(profile.waveform, delay_s=float(altitude_to_delay_s(LOCKED_M)))
+    return OtherAltimeter(profile.waveform, delay_s=float(altitude_to_delay_s(locked_m(profile))))
 
 
 def _drifting(profile: Profile, rng: np.random.Generator) -> Emitter:
@@ -104,6 +111,10 @@ class Interferer:
         return level_dbm - (
             profile.preselector_loss_db(self.center_hz) if self.center_hz is not None else 0.0
         )
+
+    def highest_dbm(self, profile: Profile) -> int:
+        """Highest level searched: `HIGHEST_DBM` behind the preselector."""
+        return int(HIGHEST_DBM - self.at_amplifier_dbm(profile, 0.0))
 
     def in_receiver(self, profile: Profile, level_dbm: float) -> tuple[EnvelopeGain, float]:
         """Gains of the amplifier beside it, and the density in mW/Hz of the noise that it adds to the IF.

@@ -44,6 +44,8 @@ class Pooled:
         NaN if no seed has a break-point.
     open : int
         Number of seeds without a break-point.
+    highest : int
+        Highest level searched.
     clean : bool
         Whether the altimeter works without interference.
     density, margin : float
@@ -55,14 +57,15 @@ class Pooled:
     mean: float
     half: float
     open: int
+    highest: int
     clean: bool
     density: float
     margin: float
     first: str
 
 
-def pooled(rows: Sequence[Mapping[str, Any]]) -> Pooled:
-    """Pooled rows of one interferer, method and altitude."""
+def pooled(rows: Sequence[Mapping[str, Any]], highest_dbm: int = HIGHEST_DBM) -> Pooled:
+    """Pooled rows of one interferer, method and altitude, searched up to a level."""
 
     def mean(name: str) -> float:
         values = [r[name] for r in rows if r.get(name) is not None]
@@ -79,6 +82,7 @@ def pooled(rows: Sequence[Mapping[str, Any]]) -> Pooled:
         mean=float(levels.mean()) if levels.size else float("nan"),
         half=half,
         open=sum(r["first"] == "none" for r in rows),
+        highest=highest_dbm,
         clean=clean,
         density=mean("break_dbm_per_mhz"),
         margin=mean("margin_db"),
@@ -86,31 +90,38 @@ def pooled(rows: Sequence[Mapping[str, Any]]) -> Pooled:
     )
 
 
-def _groups(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, float], Pooled]:
+def _groups(rows: Sequence[Mapping[str, Any]], profile: Profile) -> dict[tuple[str, str, float], Pooled]:
     """(method, interferer, altitude) -> break-point."""
     found: dict[tuple[str, str, float], list[Mapping[str, Any]]] = {}
     for row in rows:
         found.setdefault((row["method"], row["interferer"], row["altitude_ft"]), []).append(row)
-    return {key: pooled(same) for key, same in found.items()}
+    return {key: pooled(same, INTERFERERS[key[1]].highest_dbm(profile)) for key, same in found.items()}
 
 
 def write_report(
     folder: RunFolder, study: ToleranceStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
 ) -> Path:
     """Write ``report.md``, ``report.json`` and the figure; returns the page."""
-    profile, groups = load_profile(study.profile), _groups(rows["rows"])
-    save_figure(draw(profile, study, groups), folder.path / "tolerance.png")
+    profile = load_profile(study.profile)
+    groups = _groups(rows["rows"], profile)
+    table_1 = float(pfd_dbw_per_m2_mhz(profile.carrier_hz))
+    figures = {method: figure_name(study, method) for method in study.methods}
+    for method, name in figures.items():
+        save_figure(draw(profile, study, groups, method), folder.path / name)
     values = {
         "profile": profile,
         "study": study,
         "duration_s": study.outputs * profile.output_s,
+        "figures": figures,
         "break_tables": {m: _break_table(study, groups, m) for m in study.methods},
         "margin_table": _margin_table(study, groups),
         "gain_table": _gain_table(study, groups),
         "number_table": _number_table(profile),
         "criteria": CRITERIA,
-        "highest_dbm": HIGHEST_DBM,
         "margin_db": MARGIN_DB,
+        "table_1": table_1,
+        "table_1_at_port": table_1 - profile.flux_dbw_per_m2_mhz(0.0),
+        "dash": DASH,
         "run_in": RUN_IN,
     }
     return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), rows, values)
@@ -120,7 +131,7 @@ def _level(found: Pooled) -> str:
     if not found.clean:
         return "fails without interference"
     if found.open and np.isnan(found.mean):
-        return f"> {HIGHEST_DBM}"
+        return f"> {found.highest}"
     open_end = f" ({found.open} open)" if found.open else ""
     return f"{found.mean:.1f} ± {found.half:.1f}{open_end}, {found.density:.1f}"
 
@@ -165,7 +176,7 @@ def _gain_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], P
                 if np.isnan(without.mean):
                     cells.append(DASH)
                 elif with_it.open and np.isnan(with_it.mean):
-                    cells.append(f"> {HIGHEST_DBM - without.mean:+.0f}")
+                    cells.append(f"> {with_it.highest - without.mean:+.0f}")
                 else:
                     cells.append(f"{with_it.mean - without.mean:+.1f}")
             lines.append(cells)
@@ -180,33 +191,40 @@ def _number_table(profile: Profile) -> str:
     return table(["number", "value", "standing", "source"], lines)
 
 
-def draw(profile: Profile, study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> Any:
-    """Break-points over altitude as densities at the port, a panel per method, with the density that Table 1 allows."""
-    figure = new_figure(4.6 * len(study.methods) + 1.6, 4.6)
-    axes = figure.subplots(1, len(study.methods), sharey=True, squeeze=False)[0]
-    rule = float(pfd_dbw_per_m2_mhz(profile.carrier_hz)) - profile.flux_dbw_per_m2_mhz(0.0)
-    for axis, method in zip(axes, study.methods, strict=True):
-        for k, name in enumerate(study.interferers):
-            colour, marker = _STYLES[k % len(_STYLES)]
-            found = [groups[method, name, feet] for feet in study.altitudes_ft]
-            y = np.array([f.density for f in found])
-            title, pairs = INTERFERERS[name].title, zip(study.altitudes_ft, found, strict=True)
-            style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.3, "capsize": 2}
-            axis.errorbar(study.altitudes_ft, y, yerr=[f.half for f in found], label=title, **style)
-            say(axis, study.altitudes_ft, y, [f"{title}, {feet:g} ft: {_level(f)}" for feet, f in pairs])
-        low = min(study.altitudes_ft)
-        if low < MAX_ALTITUDE_FT:
-            axis.plot(
-                [low, MAX_ALTITUDE_FT], [rule, rule], color="#444444", linewidth=2.5, linestyle=(0, (4, 2))
-            )
-            words, place = "14 CFR 91.220(b), in band", {"textcoords": "offset points", "fontsize": 8}
-            axis.annotate(words, (low, rule), (2, -12), color="#444444", **place)
-        axis.set_xscale("log")
-        axis.set_xticks(study.altitudes_ft, [f"{feet:g}" for feet in study.altitudes_ft])
-        axis.minorticks_off()
-        axis.grid(True, linewidth=0.4, alpha=0.5)
-        axis.set_xlabel("altitude, ft")
-        axis.set_title("without mitigation" if method == "none" else f"with {method}", fontsize=10)
-    axes[0].set_ylabel("break-point at the port, dBm/MHz (mean over the sweep)")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8, frameon=False)
+def figure_name(study: ToleranceStudy, method: str) -> str:
+    """File of a method's figure; that of the first is the one to publish."""
+    return "tolerance.png" if method == study.methods[0] else f"tolerance_{method}.png"
+
+
+def draw(
+    profile: Profile, study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled], method: str
+) -> Any:
+    """Break-points over altitude as densities at the port, with the density that Table 1 allows in the band."""
+    figure = new_figure(4.8, 4.8)
+    axis = figure.subplots()
+    for k, name in enumerate(study.interferers):
+        colour, marker = _STYLES[k % len(_STYLES)]
+        found = [groups[method, name, feet] for feet in study.altitudes_ft]
+        y = np.array([f.density for f in found])
+        title, pairs = INTERFERERS[name].title, zip(study.altitudes_ft, found, strict=True)
+        style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.3, "capsize": 2}
+        axis.errorbar(study.altitudes_ft, y, yerr=[f.half for f in found], label=title, **style)
+        say(axis, study.altitudes_ft, y, [f"{title}, {feet:g} ft: {_level(f)}" for feet, f in pairs])
+    low = min(study.altitudes_ft)
+    if low < MAX_ALTITUDE_FT:
+        rule = float(pfd_dbw_per_m2_mhz(profile.carrier_hz)) - profile.flux_dbw_per_m2_mhz(0.0)
+        axis.plot([low, MAX_ALTITUDE_FT], [rule, rule], color="#444444", linewidth=2.5, linestyle=(0, (4, 2)))
+        words, place = "14 CFR 91.220(b),\nin band", {"textcoords": "offset points", "fontsize": 8}
+        axis.annotate(words, (low, rule), (2, -5), color="#444444", verticalalignment="top", **place)
+    axis.set_xscale("log")
+    axis.set_xticks(study.altitudes_ft, [f"{feet:,g}" for feet in study.altitudes_ft])
+    axis.minorticks_off()
+    axis.grid(True, linewidth=0.4, alpha=0.5)
+    axis.set_xlabel("altitude, ft")
+    axis.set_ylabel("power density at the port, dBm/MHz")
+    mitigation = "without mitigation" if method == "none" else f"with {method}"
+    axis.set_title(f"{mitigation}: usable below the line", fontsize=10)
+    figure.legend(
+        *axis.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8, frameon=False
+    )
     return figure

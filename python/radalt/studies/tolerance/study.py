@@ -23,12 +23,13 @@ from ...core.returns.point import point_return
 from ...evaluation.engine.study import Point, Study
 from ...evaluation.results.rows import Columns
 from .criteria import CRITERIA, RUN_IN, break_level, judged
-from .interferers import INTERFERERS, others_mw
+from .interferers import INTERFERERS, locked_m, others_mw
 
 __all__ = ["METHODS", "ToleranceStudy", "TolerancePoint", "Trial"]
 
 METHODS = ("none", "whitening", "linear_prediction", "blanking")  # those that work behind an IF filter
 _CHUNK = 8  # outputs per call of the detector
+_APART = 0.05  # of the altitude; an equal sweep nearer to it could pass the criteria (2 %) for the return
 # Mean density of interference in the sweep over the power of the return at the break-point, dB/MHz, measured with white
 # noise and nearly the same for all interferers. Only where a bisection starts.
 _EXPECTED_DB = 30.0
@@ -179,16 +180,26 @@ class ToleranceStudy(Study):
         for name in self.interferers:
             if name not in INTERFERERS:
                 raise ValueError(f"--interferers: {name!r} is unknown; there are {', '.join(INTERFERERS)}")
+            try:
+                INTERFERERS[name].bank(p, 1, np.random.default_rng(1))
+            except ValueError as error:  # the sweep or the IF's rate does not fit
+                raise ValueError(f"--interferers: {name}: {error}") from None
         for name in self.methods:
             if name not in METHODS:
                 raise ValueError(
-                    f"--methods: {name!r} works on samples before the mixer, which a deramping altimeter has not; "
-                    f"after its IF filter work {', '.join(METHODS)}"
+                    f"--method: {name!r} is none of those that work behind an IF filter, where a deramping altimeter "
+                    f"has its samples: {', '.join(METHODS)}"
                 )
         for feet in self.altitudes_ft:
             if not 10 <= feet <= p.max_altitude_ft:
                 raise ValueError(
                     f"--altitudes-ft: {feet:g} ft; it has to be within 10..{p.max_altitude_ft:g}, the span of {p.name}"
+                )
+            apart_m = abs(locked_m(p) - (feet + p.installation_delay_ft) * foot)
+            if "equal_locked" in self.interferers and apart_m < _APART * feet * foot:
+                raise ValueError(
+                    f"--altitudes-ft: {feet:g} ft is where equal_locked appears, which could do no harm there; name "
+                    "another altitude"
                 )
 
     def points(self) -> Sequence[TolerancePoint]:
@@ -234,7 +245,10 @@ class ToleranceStudy(Study):
             return row | {"first": "without interference: " + " ".join(clean), "levels": 1}
         unit_db = trial.kind.density_dbm_per_mhz(p, 0.0)
         expected = p.transmit_dbm - loss_db + _EXPECTED_DB - unit_db
-        breaks = {name: break_level(lambda x, n=name: failed(x)[n], expected) for name in CRITERIA}
+        breaks = {
+            name: break_level(lambda x, n=name: failed(x)[n], expected, trial.kind.highest_dbm(p))
+            for name in CRITERIA
+        }
         row |= {f"{name}_dbm": level for name, level in breaks.items()} | {"levels": len(known)}
         levels = [level for level in breaks.values() if level is not None]
         if not levels:

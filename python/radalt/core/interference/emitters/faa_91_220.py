@@ -1,7 +1,7 @@
 """FAA radio altimeter tolerance: the mask of 14 CFR 91.220(b) Table 1 as received interference.
 
-91 FR 48656 (in force 2026-09-29) gives the power flux density in dBW/m^2/MHz that an altimeter has to
-withstand from 0 to 500 ft. A receiving antenna of gain G collects
+91 FR 48656 (in force 2026-09-29; read in a page that quotes it) gives the power flux density in dBW/m^2/MHz that an
+altimeter has to withstand from 0 to 500 ft. A receiving antenna of gain G collects
 
     PSD(f) = PFD(f) + G + 10 log10(lambda(f)^2 / 4 pi) - cable        [dBW/MHz]
 
