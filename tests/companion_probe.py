@@ -1,9 +1,9 @@
 """Runs gnuradio-companion itself, has it draw flowgraphs, and prints as JSON what it shows; no test, used by them.
 
-Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run] [--png FOLDER] FLOWGRAPH.grc ...`.
+Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run] FLOWGRAPH.grc ...`.
 
 --run executes the first flowgraph as the button does and adds what the companion's console then holds; Python is
-generated beside the flowgraph. --png saves a picture of each canvas.
+generated beside the flowgraph.
 """
 
 import argparse
@@ -13,7 +13,6 @@ import runpy
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 
 def pictured(block) -> list[float]:
@@ -101,10 +100,10 @@ def executed(page, window, report: dict) -> bool:
     return False
 
 
-def probe(png: Path | None, run: bool) -> bool:
+def probe(run: bool) -> bool:
     """Called by the companion's own main loop until its window is on the screen: print, then quit."""
     from gi.repository import GLib, Gtk
-    from gnuradio.grc.gui import Actions, Utils
+    from gnuradio.grc.gui import Actions
 
     window = Gtk.Application.get_default().main_window
     title = window.get_title()
@@ -114,8 +113,6 @@ def probe(png: Path | None, run: bool) -> bool:
     for page in window.get_pages():
         window.current_page = page
         report["pages"].append(described(page))
-        if png:
-            Utils.make_screenshot(page.flow_graph, str(png / f"{Path(page.file_path).stem}.png"))
     if not run:
         finish(report)
     window.current_page = window.get_pages()[0]
@@ -127,7 +124,6 @@ def probe(png: Path | None, run: bool) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--run", action="store_true")
-    parser.add_argument("--png", type=Path)
     parser.add_argument("flowgraphs", nargs="+")
     arguments = parser.parse_args()
     import gi
@@ -135,7 +131,7 @@ def main() -> None:
     gi.require_version("Gtk", "3.0")
     from gi.repository import GLib
 
-    GLib.timeout_add(300, probe, arguments.png, arguments.run)
+    GLib.timeout_add(300, probe, arguments.run)
     companion = shutil.which("gnuradio-companion")
     sys.argv = [companion, *arguments.flowgraphs]
     runpy.run_path(companion, run_name="__main__")

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hostile import measure_here
+from hostile import draw_nothing, measure_here
 
 # Before NumPy is first imported: tests run side by side, and BLAS threads would only get in their way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -20,8 +20,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
-# `radalt` and `gnuradio.radalt` from python/, programs as modules from flowgraphs/ and tools/.
-sys.path[:0] = [str(ROOT / "python"), str(ROOT / "flowgraphs"), str(ROOT / "tools")]
+# `radalt` and `gnuradio.radalt` from python/, programs as modules from the other folders.
+sys.path[:0] = [str(ROOT / name) for name in ("python", "flowgraphs", "tools", "training")]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -55,6 +55,12 @@ def measured_here(monkeypatch) -> None:
     """Points are measured in this process, without a rehearsal: starting another takes longer than most points do."""
     measure_here(monkeypatch)
     monkeypatch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
+
+
+@pytest.fixture
+def undrawn(monkeypatch) -> None:
+    """Figures are files without a picture: to draw them takes longer than a small run does."""
+    draw_nothing(monkeypatch)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+from pathlib import Path
 
 MOST = 300  # characters of the one line
 
@@ -23,6 +24,18 @@ def measure_here(patch, first=lambda: None) -> None:
         "radalt.evaluation.engine.run.run_tasks",
         lambda function, tasks, **_: (first(), ((k, function(task)) for k, task in enumerate(tasks)))[1],
     )
+
+
+def draw_nothing(patch) -> None:
+    """Figures of a run are files without a picture."""
+
+    def write(figure: object, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for kind in (".png", ".pdf", ".svg"):
+            path.with_suffix(kind).write_text("<svg></svg>")
+
+    for room in ("evaluation.overlap", "studies.integrity", "studies.landing"):
+        patch.setattr(f"radalt.{room}.figures.save_figure", write)
 
 
 def assert_refused(status: int, error: str) -> None:

@@ -10,13 +10,7 @@ from scipy.stats import binom
 
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
-from radalt.core.mitigation.any_sweep import (
-    COLUMNS,
-    SERVED,
-    layout_of,
-    resampled,
-    tables_of,
-)
+from radalt.core.mitigation.any_sweep import SERVED, layout_of
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -60,32 +54,6 @@ def test_every_sweep_that_is_served_has_a_layout(rate_hz):
         assert waveform.samples_per_frame <= layout.samples <= 1.15 * waveform.samples_per_frame
         assert layout.hop % 2 == layout.columns % 2 == layout.factors[0] % layout.group == 0
         assert np.prod(layout.factors) == layout.samples
-
-
-def test_a_column_passes_the_same_number_of_beat_cells():
-    """Twice the bandwidth has twice the beat cells up to 1500 m, half the sweep time the same number."""
-    assert layout_of(WIDE).columns == pytest.approx(2 * COLUMNS, rel=0.25)
-    assert layout_of(replace(OWN, sweep_s=0.5e-3)).columns == pytest.approx(COLUMNS, rel=0.25)
-    assert layout_of(OWN, span_m=3000.0).columns == pytest.approx(2 * COLUMNS, rel=0.25)
-
-
-def test_three_products_and_a_twiddle_are_a_dft():
-    layout = layout_of(OVERSAMPLED)
-    t, (a, b, c) = tables_of(OVERSAMPLED, layout), layout.factors
-    x = np.random.default_rng(0).standard_normal((layout.samples, 2)).view(np.complex128)[:, 0]
-    y = (t["first"] @ np.concatenate([x.real, x.imag]).reshape(2 * a, b * c)).reshape(a, 2 * b, c)
-    y = (t["second"] @ y).reshape(a, b, 2, c)
-    y = (y[:, :, 0] + 1j * y[:, :, 1]) * (t["turn_re"] + 1j * t["turn_im"])
-    y = np.stack([y.real, y.imag], 2)
-    z = y.reshape(a * b, 2 * c) @ t["third"]
-    spectrum = (z[:, :c] + 1j * z[:, c:]).reshape(a, b, c).transpose(2, 1, 0).ravel()  # k1 + a k2 + a b k3
-    np.testing.assert_allclose(spectrum, np.fft.fft(x), atol=1e-3)
-
-
-def test_resampling_there_and_back_changes_nothing():
-    _, frames = scene(SHORT, 2, 1)
-    np.testing.assert_allclose(resampled(resampled(frames, 1008), 1000), frames, atol=1e-5)
-    assert resampled(frames, 1000) is frames
 
 
 @pytest.mark.parametrize("key", SERVED)

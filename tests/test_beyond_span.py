@@ -55,9 +55,8 @@ def test_no_method_makes_an_altitude_of_it(name):
     if name == "folds":
         alone = FAST.process(method.process(flown(np.random.default_rng(2), 40, 2600, 3100, 30.0)[1]))
         assert alone["valid"].mean() > 0.5
-        method.beyond_span = BeyondSpan(
-            W, 1500.0
-        )  # as `create` gives it to every method, a user's own included
+        # as `create` gives it to every method, a user's own included
+        method.beyond_span = BeyondSpan(W, 1500.0)
     rng = np.random.default_rng(3)
     declared = total = 0
     for snr_db in (30.0, 10.0, 0.0, -10.0):

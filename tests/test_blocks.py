@@ -1,25 +1,26 @@
 """GNU Radio blocks: whole or in ragged chunks bit for bit the same, setters on sweep boundaries, messages, errors."""
 
-import contextlib
 import json
 import re
-import sys
 import threading
 import time
 
 import numpy as np
 import pmt
 import pytest
+import zmq
 from gnuradio import blocks, gr, radalt
 from waiting import wait_for
 
-from radalt.blocks._guard import guarded, in_turns, raise_stored
+from radalt.blocks._guard import raise_stored
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.stream import JammerStream
-from radalt.core.mitigation import Mitigation, create
+from radalt.core.mitigation import create
+from radalt.core.radio.endpoint import BoundedListener
 from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
 from radalt.core.receiver.segmenter import FrameSegmenter
 from radalt.core.scene import parse_scene
+from radalt.core.scene.live import RangeProfile
 from radalt.evaluation.commands import make_recording
 
 N = 7500
@@ -481,9 +482,8 @@ def test_half_a_second_waits_for_a_slow_method_then_whole_frames_are_dropped_and
     block, sink = radalt.frame_segmenter(scene, drop_when_slow=drop), Slow()
     sink.set_max_noutput_items(4)
     source = Ragged(radar, None)
-    source.set_min_output_buffer(
-        256 * N
-    )  # the radio's own ring: the segmenter is not called while the sink works
+    # the radio's own ring: the segmenter is not called while the sink works
+    source.set_min_output_buffer(256 * N)
     run(source, block, sink)
     status = block.status()
     assert status["locked"] and sink.frames + status["dropped_slow"] == status["frames"]
@@ -590,42 +590,29 @@ def test_altimeter_sink_gives_the_altimeters_results_and_one_message_a_frame(see
 
 
 def test_range_profile_shows_every_so_many_frames_in_any_chunks():
-    from radalt.core.scene.live import RangeProfile
-
     scene = scene_of()
     frames, tags, _ = frames_with_tags(40)
     expected = RangeProfile(scene.waveform, scene.altimeter_settings, 64).process(frames[::7])
     for seed in (None, 1, 2):
-        block, sinks = (
-            radalt.range_profile(scene, points=64, every=7),
-            (Collect(64, np.float32), Collect(64, np.float32)),
-        )
-        run(
-            Ragged(frames, seed, tags),
-            block,
-            also=sinks,
-            wires=tuple(((block, i), (s, 0)) for i, s in enumerate(sinks)),
-        )
+        block = radalt.range_profile(scene, points=64, every=7)
+        sinks = Collect(64, np.float32), Collect(64, np.float32)
+        wires = tuple(((block, i), (sink, 0)) for i, sink in enumerate(sinks))
+        run(Ragged(frames, seed, tags), block, also=sinks, wires=wires)
         for sink, wanted in zip(sinks, expected, strict=True):
             assert sink.data.tobytes() == wanted.astype(np.float32).tobytes()
 
 
-def test_altitude_strip_rolls_by_its_step_in_any_chunks():
-    """The newest value of a step stands last; the chart is as long as asked."""
-    altitudes = np.arange(1, 201, dtype=np.float32)
-    outputs = []
-    for seed in (None, 1):
-        block = radalt.altitude_strip(altitude_m=50.0, inputs=1, points=8, every=10)
-        sinks = Collect(8, np.float32), Collect(8, np.float32)
-        source = Ragged(altitudes, seed)
-        run(source, block, also=sinks, wires=tuple(((block, i), (s, 0)) for i, s in enumerate(sinks)))
-        outputs.append([sink.data for sink in sinks])
-    assert outputs[0][0].shape == (20, 8)
-    for whole, ragged in zip(*outputs, strict=True):
-        assert whole.tobytes() == ragged.tobytes()
-    last = outputs[0][1][-1]
-    assert np.all(np.diff(last) == 10) and 190 < last[-1] <= 200
-    np.testing.assert_array_equal(outputs[0][0][-1], 50.0)
+def test_altitude_strip_rolls_and_hides_what_was_not_detected_in_any_chunks():
+    altitudes = np.arange(60, dtype=np.float32)
+    altitudes[40] = np.nan
+    for chunk in (100_000, 7):
+        block = radalt.altitude_strip(altitude_m=25.0, inputs=1, points=4, every=20)
+        true, chart = sinks = Collect(4, np.float32), Collect(4, np.float32)
+        wires = tuple(((block, i), (sink, 0)) for i, sink in enumerate(sinks))
+        run(Ragged(altitudes, None), block, chunk=chunk, also=sinks, wires=wires)
+        off = block.OFF_CHART_M
+        np.testing.assert_array_equal(true.data, [[off, off, off, 25], [off, off, 25, 25], [off, 25, 25, 25]])
+        np.testing.assert_array_equal(chart.data, [[off, off, off, 0], [off, off, 0, 20], [off, 0, 20, off]])
 
 
 def test_altimeter_sink_keeps_the_last_results_of_its_capacity():
@@ -637,8 +624,6 @@ def test_altimeter_sink_keeps_the_last_results_of_its_capacity():
 
 
 def test_results_are_published_over_zmq_as_json():
-    import zmq
-
     scene = scene_of()
     frames, tags, _ = frames_with_tags(20)
     frames[4] = 0
@@ -677,15 +662,11 @@ def test_an_endpoint_that_other_machines_reach_is_refused_unless_asked_for(block
 
 
 def test_an_endpoint_that_is_closed_while_it_opens_ends():
-    from radalt.core.radio.endpoint import BoundedListener
-
     for _ in range(300):
         BoundedListener("test", "tcp://127.0.0.1:*", limit_bytes=1000, answered=False).close()
 
 
 def test_endpoint_that_is_taken_is_refused_in_one_line():
-    import zmq
-
     holder = zmq.Context.instance().socket(zmq.PUB)
     port = holder.bind_to_random_port("tcp://127.0.0.1")
     with pytest.raises(ValueError, match=f"altimeter_sink.endpoint 'tcp://127.0.0.1:{port}' cannot be bound"):
@@ -696,57 +677,10 @@ def test_endpoint_that_is_taken_is_refused_in_one_line():
 # -- errors -----------------------------------------------------------------------------------------------------------
 
 
-class Broken(Mitigation):
-    """A method that fails on its third frame."""
-
-    def _clean(self, batch):
-        if self.frames > 2:
-            raise ZeroDivisionError("third frame")
-        return batch
-
-
-def test_exception_in_work_ends_the_flowgraph_and_is_raised_again(capfd):
-    """Unguarded it would hang for ever. Here the run ends and the error comes out as it was."""
-    scene = scene_of()
-    frames, tags, _ = frames_with_tags(20)
-    block = radalt.mitigation(scene, "none")
-    block.method = Broken(scene.waveform)
-    with pytest.raises(ZeroDivisionError, match="third frame"):
-        run(Ragged(frames, 1, tags), block, radalt.altimeter_sink(scene, messages=False))
-
-
-def test_exception_in_general_work_ends_the_flowgraph_as_well(capfd):
+def test_exception_in_a_block_ends_the_flowgraph_and_is_raised_again(capfd):
+    """Unguarded it would hang for ever."""
     scene = scene_of()
     block = radalt.frame_segmenter(scene)
     block.segmenter.push = lambda samples, *, lend: [][1]
     with pytest.raises(IndexError):
         run(radalt.fmcw_chirp_source(scene, frames=200), block, Collect(N))
-
-
-def test_blocks_meet_in_their_work_unless_they_take_turns():
-    """`in_turns` is for simulations on one core; a radio's segmenter must never wait for a slow method."""
-
-    class Block:
-        error = None
-
-        @guarded
-        def work(self, input_items, output_items) -> int:
-            met.wait(None)  # the barrier has a limit of its own
-            return 1
-
-    def run() -> list[Exception | None]:
-        blocks = [Block(), Block()]
-        threads = [threading.Thread(target=block.work, args=([], []), daemon=True) for block in blocks]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(60)
-            assert not thread.is_alive()
-        return [block.error for block in blocks]
-
-    for wait_s, turns, meet in ((30.0, contextlib.nullcontext(), True), (0.1, in_turns(), False)):
-        met = threading.Barrier(2, timeout=wait_s)
-        with turns:
-            errors = run()
-        assert all((error is None) == meet for error in errors)
-    assert sys.getswitchinterval() < 1e-3

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_fading import band_limited as frames_of_band
 
 from radalt.core.channel.delay_line import MOST_BLOCKS, DelayLine
 from radalt.core.channel.settings import ChannelSettings, DropSettings
@@ -20,11 +21,7 @@ FRAMES = 8
 
 def band_limited(count: int, seed: int = 1) -> np.ndarray:
     """Noise in the middle 80 % of the band: what a fractional delay can be checked with."""
-    rng = np.random.default_rng(seed)
-    spectrum = rng.standard_normal(count) + 1j * rng.standard_normal(count)
-    spectrum[np.abs(np.fft.fftfreq(count)) > 0.4] = 0
-    samples = np.fft.ifft(spectrum)
-    return samples / np.sqrt(np.mean(np.abs(samples) ** 2))
+    return frames_of_band(1, count, np.random.default_rng(seed))[0]
 
 
 def play(
@@ -278,9 +275,6 @@ def test_leakage_and_landing_gear_stand_at_their_distances():
 def test_impossible_leakage_is_refused(settings, said):
     with pytest.raises(ValueError, match=said):
         ChannelSettings(**settings)
-
-
-# -- lost samples -----------------------------------------------------------------------------------------------------
 
 
 def test_gaps_are_all_there_and_what_is_left_is_untouched():

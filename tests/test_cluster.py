@@ -13,13 +13,13 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+import ota_eval
 import pytest
+from hostile import draw_nothing, ended, measure_here
 from test_engine import Coins, rows_of
-from test_ota_eval import run as run_program
 from test_ota_eval import stable, start
 from waiting import end_of, wait_for, written
 
-from radalt.core.mitigation import create
 from radalt.core.parsing import InputError
 from radalt.core.scene import load_scene
 from radalt.evaluation.engine.options import Options
@@ -96,9 +96,8 @@ def test_a_task_that_hangs_is_ended_with_one_line_and_its_worker_goes_on(dask, t
     with pytest.raises(WorkerError, match=r"^coin 0\.97: not done after 1 s; raise the time limit"):
         run(Coins(hang="coin 0.97"), on(dask, tmp_path / "hangs", time_limit_s=1.0))
     run(Coins(), on(dask, tmp_path / "goes on"))
-    wait_for(
-        lambda: not measuring(dask), "an end of all measuring"
-    )  # nothing of either run is left on the workers
+    # nothing of either run is left on the workers
+    wait_for(lambda: not measuring(dask), "an end of all measuring")
 
 
 def test_what_a_dead_worker_was_measuring_is_measured_by_another(dask, tmp_path):
@@ -117,9 +116,8 @@ def test_what_a_dead_worker_was_measuring_is_measured_by_another(dask, tmp_path)
 
 def measuring(dask) -> list[int]:
     """Processes that measure beside the workers."""
-    nannies = {
-        w.pid for w in dask.workers if "--no-nanny" not in w.args
-    }  # a worker is a process of its nanny
+    # a worker is a process of its nanny
+    nannies = {w.pid for w in dask.workers if "--no-nanny" not in w.args}
     found = []
     for page in Path("/proc").glob("[0-9]*/cmdline"):
         try:
@@ -232,26 +230,16 @@ def mitigate(frames, waveform):
 """
 
 
-def test_files_that_lie_elsewhere_change_no_method(tmp_path):
-    """The shipped network goes without a check that others get: on a worker it is a file elsewhere."""
-    scene = dataclasses.replace(load_scene("clear"), methods=("none", "tcae"))
-    study = OverlapStudy(scene)
-    measurer = cluster.Measurer(study)
-    measurer.folder = tmp_path
-    there = study.with_files(measurer._files()).scene.method_options["tcae"]
-    assert Path(there["model"]).is_relative_to(tmp_path)
-    here = create("tcae", scene.waveform).status()
-    assert create("tcae", scene.waveform, **there).status()["shift_check"] is here["shift_check"] is False
-
-
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory):
     """Options of a sweep with a network and a method of one's own, and its folder from one local process."""
     folder = tmp_path_factory.mktemp("only_here")
     (folder / "own.py").write_text(OWN, encoding="utf-8")
     options = [*SWEEP, "--method-file", folder / "own.py"]
-    code, _, err = run_program(*options, "--out", folder / "run", "--jobs", 1)
-    assert code == 0, err
+    with pytest.MonkeyPatch.context() as patch:
+        draw_nothing(patch)
+        measure_here(patch)
+        assert ended(ota_eval.main, "--sim", *options, "--out", folder / "run", "--jobs", 1) == (0, "")
     return options, folder / "run"
 
 
@@ -267,7 +255,9 @@ def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
     wait_for(lambda: not measuring(dask), "an end of all measuring")
 
 
-def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep, tmp_path):
+def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(
+    dask, sweep, tmp_path, measured_here, undrawn
+):
     options, whole = sweep
     process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.file)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
@@ -275,6 +265,6 @@ def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep,
     _, err = end_of(process)
     assert process.returncode == 2
     assert err.startswith(f"ota_eval: the scheduler at {dask.address} was lost") and err.count("\n") == 1
-    code, _, err = run_program(*options, "--out", tmp_path / "run", "--resume", "--jobs", 2)
-    assert (code, err) == (0, "")
+    words = ("--sim", *options, "--out", tmp_path / "run", "--resume", "--jobs", 1)
+    assert ended(ota_eval.main, *words) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)

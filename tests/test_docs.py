@@ -5,9 +5,9 @@ import importlib.util
 import os
 import re
 
+import cards
 import numpy as np
 import pytest
-import yaml
 from waiting import ran_python
 
 from radalt.core.receiver.altimeter import Reason
@@ -31,18 +31,6 @@ def reference(root):
 def test_the_scene_reference_is_what_the_code_gives(reference):
     page, made = reference
     assert page.read_text(encoding="utf-8") == made, "run: .venv/bin/python tools/make_scene_reference.py"
-
-
-def test_every_key_of_every_shipped_scene_is_in_the_reference(root, reference):
-    known = set(re.findall(r"^\| `([\w.]+)`", reference[1], re.MULTILINE))
-    known = {part for key in known for part in key.split(".")}
-    for file in (root / "flowgraphs/scenes").glob("*.yaml"):
-        scene = yaml.safe_load(file.read_text())
-        for section, value in scene.items():
-            keys = (
-                value if isinstance(value, dict) and section not in ("interference", "method_options") else {}
-            )
-            assert set(keys) <= known, file.name
 
 
 def test_the_first_flowgraph_measures_more_with_whitening_than_without(root):
@@ -91,10 +79,7 @@ def test_every_page_is_in_the_site(root):
     assert named == {str(page.relative_to(root / "docs")) for page in (root / "docs").rglob("*.md")}
 
 
-def test_a_models_card_says_what_the_published_rows_say(root, monkeypatch):
-    monkeypatch.syspath_prepend(str(root / "training"))
-    import cards
-
+def test_a_models_card_says_what_the_published_rows_say(root):
     data, models = root / "docs/data", root / "models"
     rows = cards.published(data / "tcae_comparison.csv", cards.COLUMNS)
     sweeps = cards.published(data / "sweeps.csv", cards.SWEEP_COLUMNS)

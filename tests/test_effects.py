@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 from scipy.special import eval_genlaguerre, j0
+from test_nr import demodulate
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.amplifier import Amplifier
 from radalt.core.interference.effects import ImpairedEmitter, Impairments, Oscillator, PhaseNoise, Running
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.qpsk import rrc_taps
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
-from radalt.core.interference.stream import Continued, JammerStream
+from radalt.core.interference.nr_grid import resource_grid
+from radalt.core.interference.stream import JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.core.waveform import Waveform
 
@@ -189,12 +192,9 @@ def test_qpsk_demodulated_has_the_evm_asked_for(evm):
 
 @pytest.mark.parametrize("evm", [0.05, "typical"])
 def test_shaped_qpsk_behind_its_matched_filter_has_the_evm_asked_for(evm):
-    from radalt.core.interference.emitters.qpsk import rrc_taps
-
     wanted = 0.175 / 2 if evm == "typical" else evm
-    emitter = QpskEmitter(
-        bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm
-    )  # 4 samples a symbol
+    # 4 samples a symbol
+    emitter = QpskEmitter(bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm)
     samples = emitter.samples(80_000, RATE_HZ, np.random.default_rng(5))
     matched = np.convolve(samples, rrc_taps(0.5, 4, 48), mode="valid")
     best = min(measured_evm(matched[timing::4]) for timing in range(4))
@@ -273,10 +273,6 @@ def test_amplifier_distorts_a_gaussian_band_as_the_series_of_its_orders_says(bac
 
 
 def test_amplified_5g_demodulates_with_the_evm_of_the_series():
-    from test_nr import demodulate
-
-    from radalt.core.interference.nr_grid import resource_grid
-
     amplifier = Amplifier(backoff_db=5.0)
     emitter = NrEmitter(channel_bandwidth_hz=10e6, modulation="64qam", ssb_indices=(), pdcch_load=1.0)
     sent = resource_grid(emitter, np.random.default_rng(emitter.seed)).values
@@ -292,9 +288,8 @@ def test_amplified_5g_demodulates_with_the_evm_of_the_series():
     inner = np.abs(np.fft.fftfreq(spectra.shape[1])) < width / 9.36 * 3.0
     power = orders(amplifier)
     expected = power[1:] @ spectra[1:, inner].sum(axis=1) / (power[0] * spectra[0, inner].sum())
-    assert np.sqrt(evm2) == pytest.approx(
-        np.sqrt(expected), rel=0.06
-    )  # not quite Gaussian: 624 subcarriers of 64QAM
+    # not quite Gaussian: 624 subcarriers of 64QAM
+    assert np.sqrt(evm2) == pytest.approx(np.sqrt(expected), rel=0.06)
     assert emitter.period(RATE_HZ, amplifier)[0] is received  # once, whatever the number of frames
 
 
@@ -403,22 +398,3 @@ def test_fading_of_a_wave_is_the_sum_of_its_paths():
     start = -int(np.ceil(channel.delays_s.max() * RATE_HZ)) - 128 - 1
     expected = expected * np.exp(2j * np.pi * hz / RATE_HZ * (at - start))
     np.testing.assert_allclose(got[at], expected, atol=2e-3)
-
-
-def test_fading_keeps_the_mean_power():
-    emitter = impaired(QpskEmitter(pulse="rrc"), fading=FadingChannel(profile="TDL-C", doppler_hz=200.0))
-    rng = np.random.default_rng(2)
-    power = [np.mean(np.abs(emitter.samples(1000, RATE_HZ, rng)) ** 2) for _ in range(400)]
-    assert np.mean(power) == pytest.approx(1.0, abs=0.12)
-
-
-@pytest.mark.parametrize(
-    ("repeats", "cycles", "again"), [(False, 0.0, None), (True, 0.0, 1.0), (True, 7.5, -1.0)]
-)
-def test_a_window_is_played_again_only_where_it_shall_and_its_carrier_goes_on(repeats, cycles, again):
-    emitter, rng = Continued(QpskEmitter(), 100, 4, repeats=repeats, cycles=cycles), np.random.default_rng(1)
-    first, second = (np.concatenate([emitter.samples(100, 7.5e6, rng) for _ in range(4)]) for _ in range(2))
-    if again is None:
-        assert abs(np.vdot(first, second)) < 0.5 * np.vdot(first, first).real
-    else:
-        np.testing.assert_allclose(second, again * first, atol=1e-12)

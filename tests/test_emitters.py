@@ -1,10 +1,7 @@
 """Other radars as interferers: their phase, what of them passes our receiver, and their power."""
 
-import sys
-
 import numpy as np
 import pytest
-from waiting import ran_python
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters import NamedEmitter, emitter_class, emitter_names, register
@@ -215,21 +212,6 @@ def test_every_emitter_file_holds_the_emitter_of_its_name():
         assert emitter.scene_name == name
         assert emitter.label.startswith(name) and " " not in emitter.label
         assert emitter.title(7.5e6)
-
-
-def test_an_emitter_is_imported_when_a_scene_names_it():
-    code = (
-        f"import sys; sys.path[:0] = {sys.path!r}\n"
-        "from radalt.core.scene import parse_scene\n"
-        "from radalt.core.interference.emitters import emitter_class\n"
-        "def loaded(): return {m.rpartition('.')[2] for m in sys.modules if '.emitters.' in m}\n"
-        "parse_scene({'interference': {'qpsk': {}}})\n"
-        "assert loaded() == {'qpsk', 'tones'}, loaded()\n"
-        "parse_scene({'interference': {'nr': {}}})\n"
-        "assert loaded() == {'qpsk', 'tones', 'nr'}, loaded()\n"
-    )
-    done = ran_python("-c", code)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("name", ["qpsk", "nr", "", "two words"])

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.interference.emitters.faa_91_220 import (
-    ButterworthFilter,
-    FaaMask,
-    pfd_dbw_per_m2_mhz,
-)
+from radalt.core.interference.emitters.faa_91_220 import ButterworthFilter, FaaMask, pfd_dbw_per_m2_mhz
 from radalt.core.returns.link_budget import diffuse_loop_loss_db
 from radalt.core.returns.terrain import AircraftState, FlatTerrain, GaussianAntenna, GroundGrid, TerrainReturn
 from radalt.core.returns.terrain.ground import ConstantGamma

@@ -22,6 +22,7 @@ import yaml
 from gnuradio import gr, radalt
 from waiting import ran, ran_python
 
+from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.scene import load_scene, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.flowgraph.generate import generate, prepare
@@ -90,14 +91,6 @@ def test_only_what_stands_for_radios_differs(b210):
     assert simulated["metadata"] == b210["metadata"]
 
 
-def test_rewrite_leaves_the_original_alone_and_needs_no_more_than_the_file(b210):
-    untouched = load_grc(ROOT / "flowgraphs/ota_b210.grc")
-    simulate(b210)
-    prune(b210, ["none"], jammer=False)
-    assert b210 == untouched
-    assert simulate(b210) == simulate(untouched)
-
-
 @pytest.mark.parametrize("name", ["ota_b210", "ota_live"])
 def test_nothing_but_a_gate_feeds_a_transmitter(name):
     data = load_grc(ROOT / f"flowgraphs/{name}.grc")
@@ -119,24 +112,6 @@ def test_no_shipped_flowgraph_has_a_transmitter_but_those():
     assert with_sinks == {"ota_b210", "ota_live"}
 
 
-def test_three_radio_blocks_share_two_devices(b210):
-    """Two B210s: radar sink and source on one serial, the jammer on the other."""
-    by_name = {block["name"]: block for block in b210["blocks"]}
-    address = {name: by_name[name]["parameters"]["dev_addr"] for name in UHD}
-    assert address["radar_usrp_sink"] == address["radar_usrp_source"] != address["jammer_usrp_sink"]
-    kinds = sorted(by_name[name]["id"] for name in UHD)
-    assert kinds == ["uhd_usrp_sink", "uhd_usrp_sink", "uhd_usrp_source"]
-
-
-def test_every_method_is_fed_by_the_same_segmenter(b210):
-    """comparisons are paired."""
-    fed = {sink for source, _, sink, _ in b210["connections"] if source == "frame_segmenter"}
-    mitigations = {b["name"] for b in b210["blocks"] if b["id"] in ("radalt_mitigation", "radalt_tcae")}
-    assert mitigations and fed == mitigations | {"altimeter_none"}
-    chains = {(source, sink) for source, _, sink, _ in b210["connections"] if source in mitigations}
-    assert chains == {(m, m.replace("mitigation_", "altimeter_")) for m in mitigations}
-
-
 def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
     simulated = simulate(b210)
     pruned = prune(simulated, ["none", "whitening"], jammer=False)
@@ -153,9 +128,6 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
 def test_unknown_method_is_named(b210):
     with pytest.raises(FlowgraphError, match="unknown method 'magic'; known: .*whitening"):
         prune(b210, ["magic"], jammer=True)
-
-
-# -- GNU Radio's own compiler -----------------------------------------------------------------------------------------
 
 
 def imported(file: Path, name: str):
@@ -225,9 +197,8 @@ def test_description_renders_to_valid_python_that_fits_the_class(path, platform)
         inspect.signature(method).bind(None, *called.args, **{k.arg: None for k in called.keywords})
     assert block.category[0] == "[RadAlt]" or "RadAlt" in str(block.category)
     text = " ".join(block.documentation.get("", "").lower().split())
-    for parameter in yaml.safe_load(path.read_text(encoding="utf-8"))[
-        "parameters"
-    ]:  # the block's page explains each
+    # the block's page explains each
+    for parameter in yaml.safe_load(path.read_text(encoding="utf-8"))["parameters"]:
         assert parameter["label"].partition(" (")[0].lower() in text, parameter["label"]
     assert ast.parse(block.templates.render("imports"))
 
@@ -290,7 +261,7 @@ def trial_errors(result, scene, method: str = "none") -> np.ndarray:
 
 
 @pytest.mark.parametrize("mode", ["synthetic", "true_delay"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_altitude_is_right_from_three_metres_to_fifteen_hundred(clear, mode, seed):
     """Issue 2: no interference, 20 dB SNR, unknown start offset with its fraction: RMSE below 0.5 m."""
     altitude = {"programme_m": np.geomspace(1500, 3, 10).tolist(), "frames": 5, "mode": mode}
@@ -402,8 +373,6 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
 
 
 def test_error_in_a_block_comes_out_of_the_run_as_it_was(clear, monkeypatch, capfd):
-    from radalt.core.receiver.altimeter import Altimeter
-
     def fail(self, *args, **kwargs):
         raise FloatingPointError("as it was")
 
@@ -441,13 +410,6 @@ def test_what_looks_at_a_run_ends_it():
     assert top.stopped.is_set() and len(looks) == 3 and elapsed > 0
 
 
-def test_a_run_is_stopped_at_its_limit_with_the_callers_words():
-    top = Endless()
-    with pytest.raises(FlowgraphError, match="no end in 0.01 s"):
-        run_to_end(top, time_limit_s=0.01, too_long=lambda limit_s: f"no end in {limit_s:g} s")
-    assert top.stopped.is_set()
-
-
 def test_an_interrupt_leaves_no_flowgraph_running():
     top = Endless()
 
@@ -477,14 +439,6 @@ def test_ctrl_c_while_it_waits_lets_every_block_come_to_its_end():
     with pytest.raises(KeyboardInterrupt):
         run_to_end(top, poll_s=5.0)
     assert top.ended
-
-
-def test_what_a_block_raised_is_raised_when_the_run_has_ended():
-    top = Endless()
-    top.block.error = ValueError("the third rail is missing")
-    with pytest.raises(ValueError, match="third rail"):
-        run_to_end(top, over=lambda: True)
-    assert top.stopped.is_set()
 
 
 # -- the companion's Run button ---------------------------------------------------------------------------------------

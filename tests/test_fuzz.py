@@ -319,9 +319,6 @@ def test_recordings(recording, tmp_path, report):
     report(fuzz(check, 100, keys, st.sampled_from([0, 0, 0, 8, 3, 72_000])), "read", "refused")
 
 
-# -- a result folder that is resumed ---------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def spoilable(tmp_path_factory):
     """A small run, its files and its rows."""
@@ -361,9 +358,8 @@ def spoil(path: Path, kind: str, at: float, length: int, salt: bytes, values: li
     elif kind == "lines":
         path.write_bytes(b"".join(lines[k % len(lines)] for k in order))
     elif kind == "values":
-        with contextlib.suppress(
-            TypeError, ValueError, RecursionError
-        ):  # of a table, or after another change
+        # of a table, or after another change
+        with contextlib.suppress(TypeError, ValueError, RecursionError):
             whole = json.loads(data) if path.name == "run.json" else [json.loads(line) for line in lines]
             ways = [p for p in places(whole) if p]
             whole = changed(whole, [(ways[k % len(ways)], value) for k, value in values])
@@ -402,9 +398,6 @@ def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
         return "resumed"
 
     report(fuzz(check, 80, spoilt(), spoilt()), "resumed", "refused")
-
-
-# -- reports that are pooled ------------------------------------------------------------------------
 
 
 def test_pooled_reports(tmp_path, report):

@@ -47,54 +47,35 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
 
 YAML = {
     "twice": ("radio: {attenuation_db: 60}\nradio: {attenuation_db: 3}\n", "'radio' is there twice"),
-    "twice inside": ("radio: {attenuation_db: 60, attenuation_db: 3}\n", "'attenuation_db' is there twice"),
     "twice, quoted": ("radio: {attenuation_db: 60, 'attenuation_db': 3}\n", "is there twice"),
     "bomb": (BOMB, "values or 40 levels"),
-    "in itself": ("name: &a [*a]\n", "values or 40 levels"),
     "brackets": ("name: " + "[" * 3000 + "]" * 3000, "more than 40 levels"),
-    "chain of aliases": (
-        "a0: &a0 [x]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}]\n" for k in range(1, 2000)),
-        "levels",
-    ),
     "20 digits": ("seed: 18446744073709551616", "more than 19 digits"),
     "19 digits": ("seed: 9999999999999999999", "seed is 9999999999999999999"),
-    "5000 digits": ("seed: " + "9" * 5000, "more than 19 digits"),
     "20 digits as text": ("seed: '18446744073709551616'", "seed is"),
     "float of 400 digits": ("altitude: {frames: 1" + "0" * 400 + ".0}", "altitude.frames is inf"),
     "date": ("name: 2026-13-45\nseed: -1", "seed is -1"),
     "no int": ('seed: !!int "abc"', "'abc' is no int"),
-    "no bool": ('seed: !!bool "abc"', "'abc' is no bool"),
     "no digit": ("name: !!int '_'", "'_' is no int"),
-    "no float": ('seed: !!float "abc"', "'abc' is no float"),
     "object": ("seed: !!python/object/apply:os.system ['true']", "could not determine a constructor"),
-    "set": ("methods: !!set {none}", "could not determine a constructor"),
     "sexagesimal": ("altitude: {frames: 1:30}", "altitude.frames is '1:30'"),
     "nul": ('name: "a\\0b"', "control characters"),
     "raw nul": ("name: a\0b", "special characters are not allowed"),
     "surrogate": ('name: "\\ud800"', "control characters"),
     "key a number": ("{1: 2}", "unknown key '1'"),
     "key a list": ("{[a, b]: 2}", "not valid YAML"),
-    "key of none": ("~: 2", "unknown key 'None'"),
     "long key": ("x" * 5000 + ": 2", "not valid YAML"),
     "long value": ("name: [" + "x" * 5000 + "]", "expected text"),
     "tcae a number": ("method_options: {tcae: 3}\nmethods: [tcae]", "tcae"),
     "frames 1e9": ("altitude: {frames: 1000000000}", "GB of results"),
-    "preamble 1e9": ("altitude: {preamble_frames: 1000000000}", "at most 2000000"),
-    "sweep of 1e9 s": ("waveform: {sweep_s: 1.0e+9}", "sweep_s is 1000000000.0"),
     "sweep of 1 s": ("waveform: {sweep_s: 1.0}", "GB in a flowgraph's buffers"),
-    "train cells": ("altimeter: {train_cells: 1.0e+9}", "within 1..256"),
     "sir": ("interference: {qpsk: {sir_db: -5000}}", "sir_db is -5000"),
-    "tones": ("interference: {tones: {count: 1000000000}}", "tones.count is 1000000000"),
     "tones beside the band": ("interference: {tones: {span_hz: 1.0e+9}}", "at most the rate"),
     "nr seed": ("interference: {nr: {seed: -1}}", "nr.seed is -1; it has to be within 0"),
-    "preamble": ("altitude: {preamble_frames: 2}", "altitude.preamble_frames 2 has to be at least 6"),
     "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "at least 1 Hz"),
     "threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: x}}", "tcae.threads is 'x'"),
-    "no threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: -5}}", "tcae.threads is -5"),
-    "drops": ("channel: {drops: {count: 1000000000}}", "at most 100000"),
     "delay": ("channel: {jammer_delay_samples: 1.0e+9}", "within 0..1e+06"),
     "empty list of lists": ("sweep: {overlap: [[]]}", "sweep.overlap"),
-    "mapping for a list": ("sweep: {overlap: {a: 1}}", "expected a list"),
 }
 
 
@@ -167,8 +148,6 @@ HOSTILE_NUMBERS = ("abc", "", "nan", "inf", "-1e308", "1" * 20, "9" * 5000, "1e9
 EVAL = {
     "--frames": ("1000000000", "0", "9" * 30, "9" * 5000, "abc"),
     "--seed": ("9" * 20, "-1"),
-    "--jobs": ("0", "100000"),
-    "--time-limit-s": ("nan", "-1"),
     "--sir-db": ("-5000", "0:1e8:1"),
     "--overlap": ("0:1:1e-9", "0:1:1e-320", "0:1:0", ",".join(["1"] * 5000), "nan"),
     "--altitudes": ("1e9", ""),
@@ -177,10 +156,8 @@ EVAL = {
     "--scene": ("", "a\0b", "x" * 9999, "/dev/zero"),
     "--model": ("", "/dev/zero", "/"),
     "--method-file": ("/dev/zero", "/"),
-    "--out": ("",),
     "--replay": ("", "nothing", "/dev/zero"),
     "--nonsense" * 99: (None,),
-    "--resume": (None,),
 }
 
 
@@ -268,17 +245,9 @@ def test_hostile_line_of_every_other_command_gets_one_line(module, tmp_path, mon
     "line",
     ["cards --data nothing", "cards --models nothing", "cards --nonsense", "figures --out /dev/null/x"],
 )
-def test_hostile_line_of_a_tool_of_training_gets_one_line(line, monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "training"))
+def test_hostile_line_of_a_tool_of_training_gets_one_line(line):
     name, *arguments = line.split()
     assert_refused(*ended(importlib.import_module(name).main, *arguments))
-
-
-def test_an_interferer_named_twice_is_refused():
-    """Its name has spaces, so it stands in a word of its own."""
-    status, error = ended(error_vs_runtime.main, "--dry-run", "--interferers", *["5 tones, all"] * 2)
-    assert_refused(status, error)
-    assert "more than once" in error
 
 
 @pytest.mark.parametrize("after_s", [0.05, 0.4, 1.2])
@@ -319,7 +288,7 @@ def test_ctrl_c_while_onnxruntime_is_imported_does_not_pass_for_a_missing_packag
 # -- code of others ---------------------------------------------------------------------------------
 
 FOREIGN = {
-    "loop": ("while True: pass", "within 3 s; is there a loop without end"),
+    "loop": ("while True: pass", "within 1 s; is there a loop without end"),
     "loop in the frame": (
         "def mitigate(frames, waveform):\n    while True: pass",
         "is there a loop without end",
@@ -342,14 +311,9 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_hostile_method_file_gets_one_line_from_the_plan(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(rehearsal, "LIMIT_S", 30.0 if "loop" not in name else 3.0)
-    if name in (
-        "exit",
-        "NaN",
-        "recursion",
-        "nul",
-        "long",
-    ):  # what raises has its line without a rehearsal, too
+    monkeypatch.setattr(rehearsal, "LIMIT_S", 30.0 if "loop" not in name else 1.0)
+    # what raises has its line without a rehearsal, too
+    if name in ("exit", "NaN", "recursion", "nul", "long"):
         monkeypatch.setenv("RADALT_REHEARSAL", "1")
     path = tmp_path / "m.py"
     path.write_text(FOREIGN[name][0])
@@ -489,7 +453,7 @@ def test_a_disk_full_of_a_capture_is_one_line(tmp_path):
 # -- files that change under a run ------------------------------------------------------------------
 
 
-def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch):
+def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch, undrawn):
     """The run is of the scene that it read, and says so; another content is another run."""
     scene, out = tmp_path / "it.yaml", tmp_path / "run"
     text = "seed: 5\nmethods: [none]\naltitude: {frames: 2}\nsweep: {overlap: [0]}\n"

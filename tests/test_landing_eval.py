@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import ended, measure_here
+from hostile import draw_nothing, ended, measure_here
+from pages import assert_whole
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
@@ -32,9 +33,8 @@ curve: {overlap: [0, 1.0], sinr_db: [-40, 0], trials: 6, sensitivity_trials: 0}
 
 @pytest.fixture
 def small(tmp_path, root, monkeypatch):
-    monkeypatch.setattr(
-        "radalt.evaluation.engine.estimate._scale", lambda sample: 1.0
-    )  # test_engine's business
+    # test_engine's business
+    monkeypatch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
     data = root / "flowgraphs" / "landing"
     text = SMALL + (
         f"trajectory: {{file: {data / 'approach_kord_10c.csv'}}}\n"
@@ -65,12 +65,14 @@ def test_shipped_study_states_the_defaults(root):
     assert landing.parse_config(landing.config_dict(shipped), folder=shipped.folder) == shipped
 
 
-def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
+def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path, browser):
     one, two = tmp_path / "one", tmp_path / "two"
     with pytest.MonkeyPatch.context() as patch:
         measure_here(patch)
         assert landing_command.main([str(small), "--out", str(one), "--jobs", "1"]) == 0
-    assert landing_command.main([str(small), "--out", str(two), "--jobs", "2"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        draw_nothing(patch)
+        assert landing_command.main([str(small), "--out", str(two), "--jobs", "2"]) == 0
     for name in TABLES:
         assert (one / name).read_bytes() == (two / name).read_bytes()
     report = json.loads((one / "report.json").read_text())
@@ -80,6 +82,7 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
         *(str(Path(f).with_suffix(kind)) for f in report["figures"] for kind in (".png", ".svg", ".pdf")),
     }
     assert len(report["figures"]) == 3
+    assert_whole(one / "report.md", browser)
     assert any("onnxruntime was not imported" in line for line in report["left_out"])
     assert all(len(digest) == 64 for digest in report["inputs_sha256"].values())
     # 8 frames: once without interference, once for each of two methods
@@ -115,7 +118,7 @@ def test_break_points_are_where_pd_falls_through_nine_tenths_of_the_ceiling(root
     assert found["low_db"] < found["sir_db"] < found["high_db"]
 
 
-def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measured_here):
+def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measured_here, undrawn):
     """ADS-B state vectors over the shipped ground: GNSS altitudes, 25 ft steps, a row on the ground."""
     rows = ["time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude"]
     for k in range(25):

@@ -3,8 +3,11 @@
 import dataclasses
 
 import numpy as np
+import pmt
 import pytest
+from test_tracker import noise
 
+from radalt.blocks.frame_segmenter import frame_segmenter
 from radalt.core.channel.settings import ChannelSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.parsing import InputError
@@ -34,14 +37,8 @@ N = W.samples_per_frame
 NOTHING = LeakageCalibration(W, np.zeros((2, 6), dtype=complex))
 
 
-def noise(rng, frames: int, snr_db: float, w: Waveform = W) -> np.ndarray:
-    shape = (frames, w.samples_per_frame, 2)
-    white = rng.standard_normal(shape, dtype=np.float32).view(np.complex64)[..., 0]
-    return white * np.float32(np.sqrt(0.5) * 10.0 ** (-snr_db / 20.0))
-
-
-def line(level_db: float, distance_m: float, w: Waveform = W) -> np.ndarray:
-    return (10.0 ** (level_db / 20.0) * point_return(w, distance_m)).astype(np.complex64)
+def line(level_db: float, distance_m: float) -> np.ndarray:
+    return (10.0 ** (level_db / 20.0) * point_return(W, distance_m)).astype(np.complex64)
 
 
 def power_db(x: np.ndarray) -> float:
@@ -159,9 +156,6 @@ def test_what_a_fit_leaves_of_a_ground_stands_elsewhere_and_not_from_100_m_on():
 
 
 def test_block_learns_from_a_trackers_outputs_and_not_at_power_up_near_the_ground():
-    pmt = pytest.importorskip("pmt")
-    from radalt.blocks.frame_segmenter import frame_segmenter
-
     block = frame_segmenter(SCENE)
     canceller = block.segmenter._leakage.canceller
 
@@ -479,9 +473,6 @@ def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path)
     assert leakage_canceller("", W) is None
     assert not leakage_canceller("uncalibrated", W).calibrated
     assert leakage_canceller("leakage", W).calibrated
-
-
-# -- reports ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_run_without_a_frame_ends_in_one_line():

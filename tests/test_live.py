@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
+from PIL import Image
 from waiting import ran_python
 
 from radalt.core.mitigation import METHODS, create
@@ -19,6 +20,7 @@ from radalt.core.returns.point import point_return
 from radalt.core.scene import load_scene, parse_scene
 from radalt.core.scene.live import RangeProfile, by_hand
 from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.live import StatusLine
 from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.watch import run_to_end
 
@@ -32,21 +34,6 @@ LEVEL = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
 def noise(frames: int, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
     return rng.normal(size=(frames, 2 * N)).view(complex) / np.sqrt(2)
-
-
-def collected(stream: np.ndarray, block, outputs: int, length: int, vlen: int = 1) -> list[np.ndarray]:
-    """Rows of each output of a block that is fed the same frames on every input."""
-    top = gr.top_block()
-    source = (blocks.vector_source_c if np.iscomplexobj(stream) else blocks.vector_source_f)(
-        stream.ravel().tolist(), False, vlen
-    )
-    sinks = [blocks.vector_sink_f(length) for _ in range(outputs)]
-    for port in range(block.input_signature().max_streams()):
-        top.connect(source, (block, port))
-    for port, sink in enumerate(sinks):
-        top.connect((block, port), sink)
-    run_to_end(top, time_limit_s=60)
-    return [np.array(sink.data()).reshape(-1, length) for sink in sinks]
 
 
 # -- range profile ----------------------------------------------------------------------------------------------------
@@ -87,9 +74,8 @@ def test_profile_exceeds_the_threshold_where_the_altimeter_detects():
     crossed = (power_db > threshold_db).any(axis=1)
     valid = altimeter.process(frames)["valid"]
     assert 0.3 < valid.mean() < 0.8
-    assert (
-        np.mean(crossed == valid) > 0.95
-    )  # between cells the curves are interpolated, so the edge is not exact
+    # between cells the curves are interpolated, so the edge is not exact
+    assert np.mean(crossed == valid) > 0.95
     assert crossed[3::4].all() and not crossed[0::4].all()
 
 
@@ -98,19 +84,6 @@ def test_silence_and_broken_frames_show_as_no_power():
     frames[1, 5] = np.nan
     for curve in RangeProfile(W, LEVEL).process(frames):
         assert np.isfinite(curve).all() and (curve < -190).all()
-
-
-# -- altitude strip ---------------------------------------------------------------------------------------------------
-
-
-def test_altitude_strip_block_rolls_and_hides_what_was_not_detected():
-    altitudes = np.arange(60, dtype=np.float32)
-    altitudes[40] = np.nan
-    block = radalt.altitude_strip(altitude_m=25.0, inputs=1, points=4, every=20)
-    true, chart = collected(altitudes, block, 2, 4)
-    off = block.OFF_CHART_M
-    np.testing.assert_array_equal(true, [[off, off, off, 25], [off, off, 25, 25], [off, 25, 25, 25]])
-    np.testing.assert_array_equal(chart, [[off, off, off, 0], [off, off, 0, 20], [off, 0, 20, off]])
 
 
 # -- by hand ----------------------------------------------------------------------------------------------------------
@@ -254,7 +227,6 @@ def test_window_fits_the_screen_without_scroll_bars(view):
 
 def test_status_names_who_measures_nothing():
     """Three altimeters: all right, a tenth wrong, silent."""
-    from radalt.evaluation.flowgraph.live import StatusLine
 
     def altimeter(valid, altitude_m):
         results = np.zeros(1000, dtype=RESULT_DTYPE)
@@ -305,8 +277,6 @@ def test_chooser_offers_every_method():
 
 
 def test_picture_shows_the_view(view):
-    from PIL import Image
-
     picture = Image.open(view["folder"] / "live.png").convert("RGB")
     assert min(picture.size) > 300
     assert len(picture.getcolors(maxcolors=1 << 24)) > 100
@@ -328,21 +298,6 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
     radios = {"radar Sink", "radar Source", "jammer Sink"}
     for call in ("set_start_time", "start"):
         assert sorted(radio for radio, made in calls if made == call) == sorted(radios)
-
-
-@pytest.mark.parametrize("name", ["ota_live", "ota_b210"])
-def test_run_button_sets_radios_up_before_the_start(name, tmp_path):
-    """main() of the generated Python: construction (interlock first), set-up, start."""
-    from radalt.evaluation.flowgraph.generate import generate
-    from radalt.evaluation.flowgraph.rewrite import load_grc
-
-    text = generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), tmp_path).read_text()
-    main = text[text.index("def main(") :]
-    assert (
-        main.index("= top_block_cls(") < main.index("snippets_main_after_init(tb)") < main.index("tb.start(")
-    )
-    made = text[text.index("def __init__") : text.index("def main(")]
-    assert made.index("snippets_init_before_blocks(self)") < made.index("uhd.usrp_source(")
 
 
 def test_view_transmits_nothing_without_an_enclosure(tmp_path):

@@ -293,9 +293,8 @@ def test_lms_looks_for_the_altitude_as_far_as_it_is_told_and_no_farther():
     far = Altimeter(W, AltimeterSettings(max_altitude_m=1900.0))
     seen = {}
     for span_m in (1900.0, None, 900.0):
-        method = BlockLmsReferenceInput(
-            W, span_m=span_m
-        )  # alone: `create` passes ground beyond the span as it came
+        # alone: `create` passes ground beyond the span as it came
+        method = BlockLmsReferenceInput(W, span_m=span_m)
         told = far.process(method.process(frames))
         seen[span_m] = int(told["valid"].sum())
         assert method.unconfirmed_frames == 24 - seen[span_m]

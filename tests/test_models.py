@@ -8,12 +8,13 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from functools import cache
 from math import prod
 
 import numpy as np
 import pytest
+from google.protobuf.empty_pb2 import Empty
+from google.protobuf.unknown_fields import UnknownFieldSet
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
@@ -51,63 +52,18 @@ def network(models, name):
     return create("tcae", Waveform(), model=models / f"{name}.onnx", shift_check=False)
 
 
-# -- a reader of the protocol-buffer wire format, enough for names and shapes of initialisers ------------------------
-
-
-def _fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-    """Field numbers and values of one message (varints as int, the rest as bytes)."""
-    at = 0
-
-    def varint() -> int:
-        nonlocal at
-        value = shift = 0
-        while True:
-            byte = data[at]
-            at += 1
-            value |= (byte & 0x7F) << shift
-            shift += 7
-            if byte < 0x80:
-                return value
-
-    while at < len(data):
-        key = varint()
-        kind = key & 7
-        if kind == 0:
-            yield key >> 3, varint()
-            continue
-        size = varint() if kind == 2 else {1: 8, 5: 4}[kind]
-        yield key >> 3, data[at : at + size]
-        at += size
+def _fields(data: bytes) -> list[tuple[int, int | bytes]]:
+    """Numbers and values of the fields of one message."""
+    message = Empty()
+    message.ParseFromString(data)
+    return [(field.field_number, field.data) for field in UnknownFieldSet(message)]
 
 
 def _initialisers(path) -> dict[str, int]:
     """Elements of every initialiser: ModelProto.graph is field 7, GraphProto.initializer 5, TensorProto.name 8."""
-    out = {}
-    for number, graph in _fields(memoryview(path.read_bytes())):
-        if number != 7:
-            continue
-        for number_in_graph, tensor in _fields(graph):
-            if number_in_graph != 5:
-                continue
-            dims, name = [], ""
-            for field, value in _fields(tensor):
-                if field == 1:
-                    dims += [value] if isinstance(value, int) else [v for v in _packed(value)]
-                elif field == 8:
-                    name = bytes(value).decode()
-            out[name] = prod(dims)
-    return out
-
-
-def _packed(data: memoryview) -> list[int]:
-    values, value, shift = [], 0, 0
-    for byte in data:
-        value |= (byte & 0x7F) << shift
-        shift += 7
-        if byte < 0x80:
-            values.append(value)
-            value = shift = 0
-    return values
+    (graph,) = (data for number, data in _fields(path.read_bytes()) if number == 7)
+    tensors = [_fields(data) for number, data in _fields(graph) if number == 5]
+    return {dict(t)[8].decode(): prod(size for number, size in t if number == 1) for t in tensors}
 
 
 def _parameters(path, metadata) -> dict[str, int]:

@@ -386,9 +386,8 @@ def test_second_layer_has_its_power_and_the_other_port_of_the_dmrs():
     assert power == pytest.approx(1 + 10**-0.6, rel=0.03)
     for slot in (0, 7):
         pilots = np.array(lfsr_qpsk((2**17 * (14 * slot + 3)) % 2**31, 150)) * 10 ** (3 / 20)
-        seen = (both.values[::2, 14 * slot + 2] / pilots)[:144].reshape(
-            -1, 12, 2
-        )  # covers + + and + - of 1000 and 1001
+        # covers + + and + - of 1000 and 1001
+        seen = (both.values[::2, 14 * slot + 2] / pilots)[:144].reshape(-1, 12, 2)
         np.testing.assert_allclose(seen.mean(axis=2), 1.0, atol=1e-9)
         other = (seen[..., 0] - seen[..., 1]) / 2
         np.testing.assert_allclose(np.abs(other), 10**-0.3, atol=1e-9)

@@ -10,9 +10,7 @@ from radalt.core.mitigation import MitigationError, create
 from radalt.core.mitigation.ofdm.constellation import rail_index, rail_tables
 from radalt.core.mitigation.ofdm.numerology import Numerology
 from radalt.core.mitigation.ofdm.return_estimation import ReturnEstimator
-from radalt.core.mitigation.ofdm.return_mask import ReturnMask
 from radalt.core.mitigation.ofdm.settings import SETTINGS
-from radalt.core.mitigation.ofdm.soft_demapper import SoftDemapper
 from radalt.core.mitigation.ofdm.sync import find_prefix
 from radalt.core.mitigation.ofdm.tone_removal import without_tones
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
@@ -237,40 +235,6 @@ def test_tables_are_the_posterior_of_all_points(points, noise_db):
     # rails are quantised to 1/128 and noise to 2 dB
     assert np.sqrt(np.mean(np.abs(found - mean) ** 2)) < 0.25 * np.sqrt(nu)
     assert np.sqrt(np.mean((seconds.sum(axis=0) - second) ** 2)) < 0.5 * np.sqrt(nu)
-
-
-def test_the_demapper_finds_constellation_and_control_by_itself():
-    rng = np.random.default_rng(4)
-    numerology = Numerology(W.rate_hz, 15e3)
-    rails = {16: 4, 256: 16}
-    sent = np.empty((14, 500), complex)
-    for points, part in ((16, slice(0, 240)), (256, slice(240, 500))):
-        side = np.arange(1 - rails[points], rails[points], 2) * np.sqrt(1.5 / (points - 1))
-        sent[:, part] = rng.choice(side, (14, part.stop - part.start)) + 1j * rng.choice(
-            side, (14, part.stop - part.start)
-        )
-    sent[0] = np.sqrt(0.5) * (rng.choice([-1, 1], 500) + 1j * rng.choice([-1, 1], 500))  # control
-    nu = 1e-3
-    z = sent + np.sqrt(nu / 2) * rng.standard_normal((14, 500, 2)).view(complex)[..., 0]
-    known = np.ones(z.shape, np.float32)
-    soft = SoftDemapper(numerology, SETTINGS).demap(
-        z.astype(np.complex64), np.full(z.shape, nu, np.float32), known, np.array([0, 5, 12])
-    )
-    assert soft.order[0, :, :58].min() > 0.9 and soft.order[2, :2, 64:].min() > 0.9
-    assert soft.control[0].min() > 0.99 and soft.control[1:].max() < 0.01
-    assert np.mean(np.abs(soft.mean - sent) ** 2) < nu
-
-
-def test_returns_of_all_altitudes_lie_in_the_mask():
-    numerology = Numerology(W.rate_hz, 15e3)
-    starts = np.array([17, 2600, 3600, 6900])
-    free = ReturnMask(W, numerology, 1500.0, SETTINGS).free(starts, 0.0)
-    assert 0.75 < free.mean() < 0.86
-    for altitude_m in (0.0, 400.0, 1500.0):
-        frame = point_return(W, np.array([altitude_m]))[0]
-        for start, outside in zip(starts, free, strict=True):
-            spectrum = np.abs(np.fft.fftshift(np.fft.fft(frame[start : start + numerology.useful]))) ** 2
-            assert spectrum[outside].sum() < 0.03 * spectrum.sum()
 
 
 def test_integrity_one_return_and_white_noise_or_not():

@@ -6,26 +6,21 @@ import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
+import ota_eval
 import pytest
 from gnuradio import gr
-from waiting import ran, ran_python
+from hostile import ended
+from waiting import ran_python
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.returns.point import point_return
 from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, save_as_companion
-from radalt.evaluation.flowgraph.rewrite import (
-    from_recording,
-    load_grc,
-    prune,
-    simulate,
-    with_chain,
-)
+from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
 from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.overlap.study import OverlapStudy
@@ -36,6 +31,12 @@ OWN = FLOWGRAPHS / "own_method.py"
 W = Waveform()
 
 FRAMES = point_return(W, np.array([200.0, 400.0, 900.0])).astype(np.complex64)
+
+
+@pytest.fixture(autouse=True)
+def unrehearsed(monkeypatch):
+    """A method of a file is tried beside this process first: the business of test_hostile."""
+    monkeypatch.setenv("RADALT_REHEARSAL", "1")
 
 
 def small_scene(**changes):
@@ -82,9 +83,8 @@ def test_class_of_a_file_keeps_its_state_until_it_is_reset(tmp_path):
         "        return batch * self.seen\n"
     )
     custom = create("custom", W, file=method(tmp_path, source))
-    np.testing.assert_array_equal(
-        custom.process(FRAMES[:1]), FRAMES[:1]
-    )  # the check on loading left no trace
+    # the check on loading left no trace
+    np.testing.assert_array_equal(custom.process(FRAMES[:1]), FRAMES[:1])
     np.testing.assert_array_equal(custom.process(FRAMES[:2]), FRAMES[:2] * 3)
     custom.reset()
     np.testing.assert_array_equal(custom.process(FRAMES[:1]), FRAMES[:1])
@@ -132,30 +132,6 @@ def test_missing_file_is_named():
 
 
 # -- the same flowgraph with one more chain ---------------------------------------------------------------------------
-
-
-def test_own_method_is_one_more_chain_and_nothing_else_changes():
-    data = load_grc(FLOWGRAPHS / "ota_b210.grc")
-    more = with_chain(data, "custom")
-    assert more["blocks"][: len(data["blocks"])] == data["blocks"]
-    added = {b["name"]: b["parameters"]["method"] for b in more["blocks"][len(data["blocks"]) :]}
-    assert added == {"mitigation_custom": '"custom"', "altimeter_custom": "custom"}
-    assert more["connections"] == data["connections"] + [
-        ["frame_segmenter", "0", "mitigation_custom", "0"],
-        ["mitigation_custom", "0", "altimeter_custom", "0"],
-    ]
-
-
-@pytest.mark.parametrize(
-    "rewrite", [lambda data: data, simulate, from_recording], ids=["air", "sim", "replay"]
-)
-def test_own_chain_is_there_where_it_is_asked_for(rewrite):
-    data = load_grc(FLOWGRAPHS / "ota_b210.grc")
-    for methods, there in ((["none", "custom"], True), (["none"], False)):
-        pruned = rewrite(prune(data, methods, True))
-        enabled = {b["name"] for b in pruned["blocks"] if b["states"]["state"] == "enabled"}
-        assert ({"mitigation_custom", "altimeter_custom"} <= enabled) == there
-        assert "mitigation_whitening" not in enabled
 
 
 @pytest.fixture(scope="module")
@@ -250,9 +226,6 @@ def test_saving_a_shipped_flowgraph_in_the_companion_changes_no_line(path, tmp_p
     assert after == before
 
 
-# -- the command line -------------------------------------------------------------------------------------------------
-
-
 def call(*command: object) -> subprocess.CompletedProcess:
     path = f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"
     return ran_python(*command, env=os.environ | {"PYTHONPATH": path})
@@ -342,21 +315,11 @@ def test_two_files_that_are_no_network_are_refused(decoder, message, tmp_path):
 # -- networks and files of the user's own, beside each other and beside the shipped ones ------------------------------
 
 
-def test_several_own_methods_are_rows_of_their_own(root, tmp_path):
-    own = root / "flowgraphs/own_method.py"
-    words = (
-        "--sim --overlap 1 --sir-db=-28 --altitudes 300 --frames 4 --jobs 1 --methods none --model".split()
-    )
-    words += [
-        f"mine={root / 'models/any_sweep.onnx'}",
-        "--method-file",
-        f"notch={own}",
-        "--method-file",
-        str(own),
-    ]
-    command = [sys.executable, str(root / "flowgraphs/ota_eval.py"), *words, "--out", str(tmp_path / "run")]
-    done = ran(*command)
-    assert done.returncode == 0, done.stderr
+def test_several_own_methods_are_rows_of_their_own(root, tmp_path, measured_here, undrawn):
+    words = "--sim --overlap 1 --sir-db=-28 --altitudes 300 --frames 4 --jobs 1 --methods none".split()
+    words += ["--model", f"mine={root / 'models/any_sweep.onnx'}", "--out", tmp_path / "run"]
+    words += ["--method-file", f"notch={OWN}", "--method-file", OWN]
+    assert ended(ota_eval.main, *words) == (0, "")
     report = json.loads((tmp_path / "run" / "report.json").read_text())
     rows = {row["method"]: row for row in report["rows"]}
     assert set(rows) == {"none", "mine", "notch", "custom"}

@@ -4,6 +4,7 @@ import csv
 
 import ota_eval
 import pytest
+from pages import assert_whole
 
 from radalt.core.paths import share_dir
 from radalt.core.scene import load_scene, parse_scene
@@ -29,9 +30,11 @@ def test_left_out_parts_change_no_bit_of_the_results(name):
 
 
 @pytest.mark.timeout(300)
-def test_the_report_says_what_was_saved_and_that_nothing_changed(tmp_path):
+def test_the_report_says_what_was_saved_and_that_nothing_changed(tmp_path, browser):
     study = leaving_out.LeavingOutStudy(frames=2, repeats=1, scenes=("no interference, whitening",))
-    page = run(study, Options(tmp_path)).read_text()
+    made = run(study, Options(tmp_path))
+    assert_whole(made, browser)
+    page = made.read_text()
     assert "| no interference, whitening | none, whitening |" in page and "| yes |" in page
     assert page.split("imported of onnxruntime")[1].count("| none |") == 1
     rows = {row["built"]: row for row in csv.DictReader((tmp_path / "rows.csv").open())}

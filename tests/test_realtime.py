@@ -8,17 +8,13 @@ import time
 import numpy as np
 import pytest
 import realtime_benchmark
+from pages import assert_whole
 
 from radalt.core.mitigation import create
 from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 from radalt.studies.realtime.outside import OutsideWatch
-from radalt.studies.realtime.study import (
-    at_rate,
-    fly_benchmark,
-    long_scene,
-    prepare_benchmark,
-)
+from radalt.studies.realtime.study import at_rate, fly_benchmark, long_scene, prepare_benchmark
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -67,7 +63,7 @@ def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path, ra
     assert total <= result.frames["none"] + result.dropped_frames <= total + 3
 
 
-def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
+def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys, browser):
     import json
 
     arguments = "--seconds 1 --methods none --free-only --tracked --out".split()
@@ -77,6 +73,7 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
     numbers = json.loads((tmp_path / "run" / "report.json").read_text())["runs"]["as fast as it goes"]
     assert code == (0 if numbers["real_time_factor"] >= 1.0 else 1)
     assert numbers["calls"]["frame_segmenter"] > 0
+    assert_whole(tmp_path / "run/report.md", browser)
     words = "real-time factor,frame_segmenter,calls per frame,blocks that copy,kernels of simulated_channel"
     assert all(word in printed for word in (*words.split(","), "tracker_none", "dropped", "memory"))
     assert realtime_benchmark.main(["--scene", "no_such_scene"]) == 2

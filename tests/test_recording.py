@@ -8,9 +8,11 @@ import tarfile
 from pathlib import Path
 
 import numpy as np
+import ota_eval
 import pytest
 import sigmf
 import uhd_double
+from scipy import signal
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation import CUSTOM, METHODS
@@ -167,14 +169,10 @@ def test_foreign_recordings_give_the_altitude(tmp_path, replayer, rate_hz, datat
 
 
 def test_resampling_in_blocks_is_resampling_at_once(tmp_path, monkeypatch):
-    from scipy import signal
-
-    from radalt.core.radio import recording
-
     rng = np.random.default_rng(1)
     samples = rng.standard_normal(40_000) + 1j * rng.standard_normal(40_000)
     capture = open_capture(write_foreign(tmp_path, samples, 10e6, "cf32_le"))
-    monkeypatch.setattr(recording, "_BLOCK", 1000)
+    monkeypatch.setattr("radalt.core.radio.recording._BLOCK", 1000)
     got = np.concatenate([block for _, block in capture.blocks(7.5e6)])
     want = signal.resample_poly(samples.astype(np.complex64), 3, 4)
     assert got.size == want.size == 30_000
@@ -268,8 +266,6 @@ def test_gaps_come_from_the_time_of_captures(tmp_path, second, stretches, note):
 
 def test_a_recording_that_begins_airborne_says_so_or_takes_the_altitude(tmp_path, capsys):
     """Through the command: 500 m, then 300 m."""
-    import ota_eval
-
     samples = np.concatenate([sweeps(20, 500.0), sweeps(20, 300.0)])
     path = write_foreign(tmp_path, samples, 7.5e6, "cf32_le")
     (tmp_path / "scene.yaml").write_text("altimeter: {max_altitude_m: 1500.0}\n")
@@ -334,8 +330,6 @@ def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
 )
 def test_a_recording_that_says_the_wrong_thing_of_itself_gets_one_line(tmp_path, capsys, key, value, message):
     """Through the command: exit 2, one line, and no rows that look like a result."""
-    import ota_eval
-
     samples = np.tile(point_return(Waveform(), 0.0).ravel(), 12).astype(np.complex128)
     path = write_foreign(tmp_path, samples, 7.5e6, "cf32_le")
     rewritten(path, lambda meta: meta["global"].update({key: value}))
@@ -357,8 +351,6 @@ def test_a_foreign_recording_needs_a_scene(tmp_path):
 
 
 def test_replay_from_the_command_line_gives_the_live_rows(live, tmp_path, capsys):
-    import ota_eval
-
     path, _, _ = live
     out = tmp_path / "out"
     assert ota_eval.main(["--replay", str(path), "--methods", "none,whitening", "--out", str(out)]) == 0
@@ -383,8 +375,6 @@ def short(tmp_path_factory):
 
 def replayed(folder: Path, target: Path, capsys, changes: dict, samples=None) -> tuple[int, str]:
     """Status and error of the command on a copy of the short recording with other metadata or samples."""
-    import ota_eval
-
     meta = json.loads((folder / "short.sigmf-meta").read_text())
     meta["global"] |= changes
     data = np.fromfile(folder / "short.sigmf-data", "<c8")
@@ -406,11 +396,8 @@ def test_the_copy_as_it_is_replays(short, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("changes", "samples", "message"),
     [
-        *(
-            ({"core:datatype": kind}, None, f"datatype is '{kind}'")
-            for kind in ("ci8", "cu8", "cf32_be", "ci16_le")
-        ),
-        *(({"core:sample_rate": rate}, None, "was recorded at 7.5e+06") for rate in (30e6, 3.75e6, 1831.0)),
+        *(({"core:datatype": kind}, None, f"datatype is '{kind}'") for kind in ("cf32_be", "ci16_le")),
+        *(({"core:sample_rate": rate}, None, "was recorded at 7.5e+06") for rate in (30e6, 1831.0)),
         ({"core:sample_rate": 10**400}, None, "core:sample_rate is"),
         ({}, np.nan, "no sample in it is a finite number"),
         ({}, 0.0, "nothing but zeros is in it"),

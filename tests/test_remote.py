@@ -33,7 +33,6 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"\xff\xfe", "not JSON"),
         (b"{", "not JSON"),
         (b"[" * 60_000, "not JSON"),
         (b" " * 100_000, "100000 bytes; a request has at most 65536"),
@@ -41,24 +40,15 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
         (b'{"command": "get"}', "version is None"),
         (b'{"version": 2, "command": "get"}', "speaks 1"),
         (b'{"version": 1, "command": "fly"}', "allowed: get, set"),
-        (b'{"version": 1, "command": "get", "altitude_m": 1}', "unknown key 'altitude_m' for get"),
         (b'{"version": 1, "command": "set"}', "changes nothing"),
         (b'{"version": 1, "command": "set", "altitude": 1}', "unknown key 'altitude'"),
         (b'{"version": 1, "command": "set", "altitude_m": 1501}', "within 0..1500"),
         (b'{"version": 1, "command": "set", "altitude_m": NaN}', "NaN is no JSON number"),
-        (b'{"version": 1, "command": "set", "altitude_m": 1e400}', "altitude_m is inf"),
-        (b'{"version": 1, "command": "set", "altitude_m": 18446744073709551616}', "within 0..1500"),
-        (b'{"version": 1, "command": "set", "altitude_m": %s}' % (b"9" * 400), "within 0..1500"),
-        (b'{"version": 1, "command": "set", "altitude_m": %s}' % (b"9" * 5000), "not JSON"),
         (b'{"version": 1, "command": "set", "altitude_m": 1, "altitude_m": 2}', "a key is there twice"),
-        (b'{"version": true, "command": "get"}', "version is True"),
-        (b'{"version": 1, "command": ["get"]}', "command is"),
         (b'{"version": 1, "command": "set", "methods": ["%s"]}' % (b"x" * 9000), "not in the flowgraph"),
         (b'{"version": 1, "command": "set", "%s": 1}' % (b"k" * 9000), "unknown key"),
         (b'{"version": 1, "command": "set", "altitude_m": true}', "within 0..1500"),
-        (b'{"version": 1, "command": "set", "overlap": "1"}', "within 0..1"),
         (b'{"version": 1, "command": "set", "methods": []}', "list of names"),
-        (b'{"version": 1, "command": "set", "methods": ["tcae"]}', "not in the flowgraph"),
     ],
 )
 def test_a_malformed_request_is_named(text, message):
@@ -225,9 +215,8 @@ def test_a_message_of_many_parts_is_bounded_in_all_of_them(bench, parts):
 def test_a_message_without_end_takes_no_memory(bench):
     """libzmq gathers all parts of a message, however many, before anybody sees them; the connection is cut instead."""
     control = bench.start()
-    part = (
-        b"\x03" + (60_000).to_bytes(8, "big") + b"x" * 60_000
-    )  # ZMTP 3.0 (RFC 23): a long frame, more to come
+    # ZMTP 3.0 (RFC 23): a long frame, more to come
+    part = b"\x03" + (60_000).to_bytes(8, "big") + b"x" * 60_000
     with socket.socket(socket.AF_UNIX) as peer:
         peer.connect(bench.address())
         peer.sendall(b"\xff" + b"\x00" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + b"\x00" * 32)
@@ -477,8 +466,7 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     air = Listened()
     uhd_double.install(monkeypatch, air)
-    radio = {"radar_serial": "R", "jammer_serial": "J", "enclosure": "cabled", "attenuation_db": 60.0}
-    radio |= {"radar_tx_gain_db": 40.0, "jammer_tx_gain_db": 50.0, "radar_rx_gain_db": 20.0}
+    radio = uhd_double.RADIO | {"attenuation_db": 60.0, "clock_source": "internal"}
     scene = parse_scene(
         {"radio": radio, "interference": {"qpsk": {"sir_db": -5.0, "bandwidth_hz": 2.0025e6}}}
     )

@@ -81,7 +81,7 @@ def head_of(scene, methods=METHODS):
     return head | {"methods": methods, "versions": {"radalt": "0"}}
 
 
-def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
+def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
     """All was measured at -10 dB; at -28 dB the timing was not acquired."""
     scene = scene_of()
     lost = Score(lost=scene.altitude.programme.trial_frames)
@@ -102,9 +102,6 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
     assert "Points without a frame never acquired the timing; they have no Pd (–)." in text
     page, _ = collect([tmp_path / "a"], tmp_path / "all")
     assert "| 1 | 0 | – | – |" in page.read_text(encoding="utf-8")
-
-
-# -- scenes back to mappings --------------------------------------------------------------------------------------
 
 
 def test_the_shipped_default_is_the_papers_case():
@@ -173,30 +170,21 @@ def test_two_writers_on_one_folder_are_one_too_many(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "key"),
+    ("change", "key"),
     [
         ({"seed": 2}, "scene.seed is 1 there and 2 here"),
         ({"sweep": SweepSpec(overlap=(0.0, 0.5, 1.0), sir_db=(-10.0,))}, "scene.sweep.sir_db"),
         ({"interference": (Interferer(QpskEmitter(pulse="rrc")),)}, "scene.interference"),
-    ],
-)
-def test_resume_refuses_another_run_and_names_the_difference(tmp_path, changes, key):
-    finished(tmp_path / "a", scene_of())
-    with pytest.raises(FolderError, match=key):
-        RunFolder(tmp_path / "a", head_of(scene_of(**changes)), resume=True)
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
         ({"methods": METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}}, "methods.tcae.sha256"),
         ({"versions": {"radalt": "0", "numpy": "2.2.4"}}, "versions.numpy is None there and '2.2.4' here"),
     ],
 )
-def test_resume_refuses_another_model_of_the_same_name_and_other_versions(tmp_path, change, key):
+def test_resume_refuses_another_scene_model_or_version_and_names_the_difference(tmp_path, change, key):
     finished(tmp_path / "a", scene_of())
+    of_head = change.keys() & {"methods", "versions"}
+    head = head_of(scene_of()) | change if of_head else head_of(scene_of(**change))
     with pytest.raises(FolderError, match=key):
-        RunFolder(tmp_path / "a", head_of(scene_of()) | change, resume=True)
+        RunFolder(tmp_path / "a", head, resume=True)
 
 
 # -- report -------------------------------------------------------------------------------------------------------
@@ -231,7 +219,7 @@ def test_the_report_says_all_that_it_has_to(whole):
     assert "placeholder" not in text
 
 
-def test_a_placeholder_model_is_said_and_names_from_a_scene_stay_text(tmp_path):
+def test_a_placeholder_model_is_said_and_names_from_a_scene_stay_text(tmp_path, undrawn):
     methods = METHODS | {"tcae": METHODS["tcae"] | {"placeholder": True}}
     out = finished(tmp_path / "a", scene_of(name="<b>&case"), methods, whole=True)
     text = (out / "report.md").read_text(encoding="utf-8")
@@ -251,9 +239,6 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
     only_bad = [r for r in rows_of(scene) if r["sir_db"] < -14 and r["method"] == "none"]
     assert break_points(only_bad)[0]["text"] == "\N{GREATER-THAN OR EQUAL TO} -16.0"
     assert break_points(rows_of(scene_of())) == []  # two SIRs say too little
-
-
-# -- figures ------------------------------------------------------------------------------------------------------
 
 
 def test_a_method_looks_the_same_whatever_else_is_drawn():
@@ -289,7 +274,7 @@ def test_a_longer_run_of_one_seed_is_not_independent(tmp_path):
         collect([a, b], tmp_path / "all")
 
 
-def test_a_run_that_occurs_twice_counts_once(tmp_path):
+def test_a_run_that_occurs_twice_counts_once(tmp_path, undrawn):
     a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of())
     _, notes = collect([a, b, a], tmp_path / "all")
     pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
@@ -379,7 +364,7 @@ def test_a_strangers_report_has_bounds(tmp_path):
             collect([edit(folder, rows=[rows[0] | {key: value} for value in values])], tmp_path / "all")
 
 
-def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
+def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path, undrawn):
     with pytest.raises(PoolError, match="schema is 1, this program reads 2"):
         collect([edit(finished(tmp_path / "a", scene_of()), schema=1)], tmp_path / "all")
     RunFolder(tmp_path / "b", head_of(scene_of())).close()
@@ -392,7 +377,7 @@ def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
         collect([tmp_path / "all"], tmp_path / "again")
 
 
-def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
+def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path, undrawn):
     a = finished(tmp_path / "a", scene_of())
     # the simulated channel says nothing about a run on the air
     noisy = dataclasses.replace(scene_of().channel, adc_bits=12)

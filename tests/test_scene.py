@@ -47,9 +47,8 @@ def test_empty_scene_is_the_paper_waveform_in_noise():
 
 def test_every_section_arrives_where_it_belongs():
     scene = parse_scene(full())
-    assert (
-        scene.waveform.rate_hz == 7.5e6 and scene.waveform.carrier_hz == 4.25e9
-    )  # YAML 1.1 reads these as text
+    # YAML 1.1 reads these as text
+    assert scene.waveform.rate_hz == 7.5e6 and scene.waveform.carrier_hz == 4.25e9
     assert (
         scene.altitude.programme_m == (800.0, 20.5) and scene.altitude.programme.total_frames == 9 + 6 + 8 + 2
     )
@@ -88,36 +87,24 @@ WRONG = [
     ("waveform: {rate_hz: -7500000.0}", "waveform.rate_hz", "-7500000.0", "above 0"),
     ("waveform: {rate_hz: 7.5 MHz}", "waveform.rate_hz", "'7.5 MHz'", "expected a number, in the unit"),
     ("waveform: {rate_hz: true}", "waveform.rate_hz", "True", "expected a number"),
-    ("waveform: {rate_hz: null}", "waveform.rate_hz", "None", "expected a number"),
     ("waveform: {rate_hz: .nan}", "waveform.rate_hz", "nan", "finite"),
     ("waveform: {centered: maybe}", "waveform.centered", "'maybe'", "true or false"),
     ("waveform: [1, 2]", "waveform", "[1, 2]", "expected a mapping"),
     ("waveform: {bandwidth_hz: 9.0e+6}", "waveform.bandwidth_hz", "9e+06", "the bandwidth or raise rate_hz"),
     ("altitude: {mode: real}", "altitude.mode", "'real'", "allowed: synthetic, true_delay"),
     ("altitude: {frames: 2.5}", "altitude.frames", "2.5", "whole number"),
-    ("altitude: {frames: 0}", "altitude.frames", "0", "at least 1"),
-    ("altitude: {frames: inf}", "altitude.frames", "inf", "whole number"),
     ("altitude: {programme_m: [100, -5]}", "altitude.programme_m", "-5", "0 or above"),
-    ("altitude: {programme_m: []}", "altitude.programme_m", "empty", "at least one"),
     ("altitude: {programme_m: [100, high]}", "altitude.programme_m[1]", "'high'", "expected a number"),
     ("{altimeter: {max_altitude_m: 1500}, altitude: {programme_m: [2000]}}", "programme_m", "2000", "raise"),
     ("altitude: {vertical_speed_m_per_s: 5}", "altitude.vertical_speed_m_per_s", "5", "mode: true_delay"),
-    ("altitude: {preamble_frames: 2}", "preamble_frames", "2", "at least 6"),
-    ("interference: {qpsk: {overlap: 1.2}}", "interference.qpsk", "1.2", "0..1"),
-    ("interference: {qpsk: {pulse: gauss}}", "qpsk.pulse", "'gauss'", "allowed: rectangular, rrc"),
     ("interference: {qpsk: {sir: 3}}", "'interference.qpsk.sir'", "unknown key", "allowed:"),
     ("interference: {laser: {}}", "'interference.laser'", "laser", "qpsk, qpsk_received, recording, tones"),
     ("interference: [{qpsk: {}, tones: {}}]", "interference", "'qpsk'", "expected one 'kind: {...}'"),
     ("interference: 7", "interference", "7", "expected a mapping"),
-    ("channel: {adc_bits: 40}", "channel.adc_bits", "40", "0..16"),
     ("channel: {drops: {count: -1}}", "drops", "-1", "0 or above"),
     ("altimeter: {cfar: os}", "'altimeter.cfar'", "unknown key", "allowed:"),
     ("altimeter: {pfa_per_frame: 2.0}", "pfa_per_frame", "2", "within"),
     ("altimeter: {max_altitude_m: 1500, pfa: 0.0001}", "pfa is 0.0001", "pfa_per_frame: 0.0154", "give"),
-    ("altimeter: {pfa: low}", "altimeter.pfa", "low", "number"),
-    ("altimeter: {strategy: best}", "altimeter.strategy", "'best'", "strongest, leading_edge, centroid"),
-    ("altimeter: {max_altitude_m: 90000}", "altimeter.max_altitude_m", "90000", "lengthen waveform.sweep_s"),
-    ("segmenter: {acquisition_frames: 10}", "segmenter.acquisition_frames", "10", "1..4"),
     ("methods: [none, magic]", "methods", "'magic'", "whitening"),
     ("method_options: {magic: {}}", "method_options", "'magic'", "whitening"),
     ("methods: [3]", "methods[0]", "3", "expected text"),
@@ -125,7 +112,6 @@ WRONG = [
     ("sweep: {overlap: [0, 1.5]}", "sweep.overlap", "1.5", "0..1"),
     ("radio: {enclosure: open}", "radio.enclosure", "'open'", "allowed: none, cabled, shielded"),
     ("radio: {radar_rx_gain_db: 90}", "radio.radar_rx_gain_db", "90", "0..76"),
-    ("seed: abc", "seed", "'abc'", "whole number"),
     ("seed: -1", "seed", "-1", "0 or above"),
     ("[a, b]", "scene", "['a', 'b']", "expected a mapping"),
 ]

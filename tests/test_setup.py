@@ -2,24 +2,14 @@
 
 import os
 import re
-import sys
 from pathlib import Path
 
 import pytest
+import say_if_unknown
 from packaging.requirements import Requirement
 from waiting import ran
 
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
-
-
-@pytest.fixture
-def tool(root: Path):
-    """`tools/say_if_unknown.py` as a module."""
-    sys.path.insert(0, str(root / "tools"))
-    import say_if_unknown
-
-    yield say_if_unknown
-    sys.path.remove(str(root / "tools"))
 
 
 def requirements(file: Path) -> list[Requirement]:
@@ -117,8 +107,8 @@ def test_package_that_no_list_knows_is_named_and_set_up_goes_on(install):
 
 
 @pytest.mark.parametrize("version", ["12", "13"])
-def test_tested_distributions_are_passed_in_silence(tool, version):
-    assert tool.verdict(f'ID=debian\nVERSION_ID="{version}"\n', (3, 13), "3.10.12.0") == ""
+def test_tested_distributions_are_passed_in_silence(version):
+    assert say_if_unknown.verdict(f'ID=debian\nVERSION_ID="{version}"\n', (3, 13), "3.10.12.0") == ""
 
 
 @pytest.mark.parametrize(
@@ -133,8 +123,8 @@ def test_tested_distributions_are_passed_in_silence(tool, version):
         ("", (3, 9), "unknown system, Python 3.9"),
     ],
 )
-def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(tool, os_release, python, named):
-    said = tool.verdict(os_release, python, "3.10.12.0")
+def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(os_release, python, named):
+    said = say_if_unknown.verdict(os_release, python, "3.10.12.0")
     assert "\n" not in said and named in said
     assert "Debian 12 and 13" in said and "Python 3.10 to 3.13" in said and said.endswith("going on")
 

@@ -10,15 +10,18 @@ import threading
 from dataclasses import dataclass
 
 import numpy as np
+import pmt
 import pytest
+from gnuradio import blocks, gr, radalt
 
+from radalt.blocks._frames import time_tag
 from radalt.core.channel.settings import ChannelSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.placement import interference_frames
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.segmenter import Frame, FrameSegmenter
-from radalt.core.scene import load_scene
+from radalt.core.scene import load_scene, parse_scene
 from radalt.core.waveform import Waveform
 
 W = Waveform()
@@ -41,16 +44,11 @@ class Stream:
     losses: list[tuple[int, int, bool]]
 
 
-def received(programme: Programme, true_delay: bool, snr_db: float, seed: int) -> np.ndarray:
-    """What the simulated channel delivers of a programme, without losses."""
+def received(programme: Programme, true_delay: bool, snr_db: float, seed: int, **more) -> np.ndarray:
+    """What the simulated channel delivers of a programme; ``more`` are further settings of it."""
     total = programme.total_frames + 3
-    channel = SimulatedChannel(
-        W,
-        ChannelSettings(snr_db=snr_db),
-        seed=seed,
-        true_delay=programme if true_delay else None,
-        frames=total,
-    )
+    settings, flown = ChannelSettings(snr_db=snr_db, **more), programme if true_delay else None
+    channel = SimulatedChannel(W, settings, seed=seed, true_delay=flown, frames=total)
     sweeps: dict[float, np.ndarray] = {}
     out = []
     for block in range(total):
@@ -300,12 +298,6 @@ class TestThroughTheBlock:
 
     @pytest.mark.parametrize("seed", range(BLOCK_STREAMS))
     def test_no_random_loss_leaves_an_altitude_wrong_in_silence(self, seed):
-        import pmt
-        from gnuradio import blocks, gr, radalt
-
-        from radalt.blocks._frames import time_tag
-        from radalt.core.scene import parse_scene
-
         stream = random_stream(10_000 + seed)
         p = stream.programme
         altitude = {"programme_m": list(p.altitudes_m), "frames": p.frames_per_step}

@@ -28,9 +28,8 @@ def test_a_point_is_unbiased(strategy, feet):
     detector = SummedDetector(SWEEP, 8, max_altitude_m=1600.0, strategy=strategy)
     status, altitude = detector(flown(feet * FT + 0.3, 8))
     assert status[0] == Status.NORMAL
-    assert altitude[0] == pytest.approx(
-        feet * FT + 0.3, abs=0.02 if strategy == "strongest" else 0.12
-    )  # cells are 1 m
+    # cells are 1 m
+    assert altitude[0] == pytest.approx(feet * FT + 0.3, abs=0.02 if strategy == "strongest" else 0.12)
 
 
 @pytest.mark.parametrize("speed", [-15.0, 15.0])
@@ -63,9 +62,8 @@ def test_facets_are_the_sum_of_point_returns():
         exact = amplitude @ point_return(w, ranges, vertical_speed_m_per_s=rates, dtype=np.complex128)
         direct = facet_frame(w, ranges, rates, amplitude)
         error = np.vdot(direct - exact, direct - exact).real / np.vdot(exact, exact).real
-        assert (
-            10 * np.log10(error) < -14.0
-        )  # beats rounded to an eighth of a cell: phase up to 1/16 cycle at the ends
+        # beats rounded to an eighth of a cell: phase up to 1/16 cycle at the ends
+        assert 10 * np.log10(error) < -14.0
 
 
 @pytest.mark.parametrize("feet", [200, 1000, 5000])
@@ -79,5 +77,4 @@ def test_the_summed_leading_edge_keeps_diffuse_ground(feet, forward):
     frames += white_noise(SWEEP, len(frames), 1e-8, rng)
     status, altitude = detector(frames)
     good = (status == Status.NORMAL) & (np.abs(altitude - feet * FT) < max(3 * FT, 0.03 * feet * FT))
-    print(feet, forward, altitude.mean() - feet * FT, altitude.std(), good.mean())
     assert good.mean() >= 0.9

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from make_landing_data import write_dted
 from scipy.integrate import quad
+from test_waveform import dechirped_beats
 
 from radalt.core.returns.link import RadarLink
 from radalt.core.returns.point import point_return
@@ -30,24 +31,6 @@ def _state(height_m, velocity=(0.0, 0.0, 0.0), **attitude):
     return AircraftState(0.0, 41.97, -87.95, 200.0 + height_m, velocity, **attitude)
 
 
-def _beats_hz(frame, waveform=WAVE):
-    """Up and down beat of a single echo: finely padded spectrum of each half, parabola through the peak."""
-    beat = np.conj(frame) * np.exp(2j * np.pi * waveform.phase_cycles(waveform.sample_times_s))
-    half, skip = waveform.samples_per_half, 200
-    beats = []
-    for start in (0, half):
-        part = beat[start + skip : start + half] * np.hanning(half - skip)
-        size = 1 << 18
-        level = np.log(np.abs(np.fft.fft(part, size)))
-        k = int(np.argmax(level))
-        a, b, c = level[k - 1], level[k], level[(k + 1) % size]
-        beats.append(
-            np.fft.fftfreq(size)[k] * waveform.rate_hz
-            + 0.5 * (a - c) / (a - 2 * b + c) * waveform.rate_hz / size
-        )
-    return beats
-
-
 def _db(x):
     return 10.0 * np.log10(x)
 
@@ -64,7 +47,7 @@ def sum_of_sweeps(waveform, amplitude, ranges_m, rates_m_per_s, index=0):
 def test_point_under_a_flat_earth_measures_its_analytic_range(height_m):
     scene = TerrainReturn(FlatTerrain(200.0), WAVE, GaussianAntenna(0.5, 30.0))
     result = scene(_state(height_m, (0.0, 0.0, -3.7)))
-    up, down = _beats_hz(result.frame)
+    up, down = dechirped_beats(WAVE, result.frame)
     slope = WAVE.slope_hz_per_s
     assert LIGHT * (up - down) / (4 * slope) == pytest.approx(height_m, abs=0.1)
     # the echo closes at the vertical speed: f_D = 2 v f_c / c
@@ -77,7 +60,7 @@ def test_point_under_a_flat_earth_measures_its_analytic_range(height_m):
 @pytest.mark.parametrize("speed", [-6.0, 0.0, 60.0])
 def test_doppler_cancels_in_the_up_down_mean(range_m, speed):
     frame = synthesise(WAVE, np.array([1.0]), np.array([range_m]), np.array([speed]))
-    up, down = _beats_hz(frame)
+    up, down = dechirped_beats(WAVE, frame)
     assert LIGHT * (up - down) / (4 * WAVE.slope_hz_per_s) == pytest.approx(range_m, abs=0.05)
     assert 0.5 * (up + down) == pytest.approx(2 * speed / LAMBDA, abs=2.0)
 

@@ -89,9 +89,6 @@ def test_no_module_of_the_package_uses_a_thread_local(root):
     assert guilty == []
 
 
-# -- the decimator's scratch ------------------------------------------------------------------------------------------
-
-
 def decimator() -> Decimator:
     return Decimator(3750, 7.5e6, 246e3)
 

@@ -2,33 +2,25 @@
 
 import itertools
 import json
-import sys
 from dataclasses import replace
 
+import data
+import evaluate
+import interferers
 import numpy as np
 import pytest
-from waiting import ran_python
+from hostile import assert_refused, ended
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
+from radalt.evaluation.commands import make_recording
 
 W = Waveform()
 
 
-@pytest.fixture(scope="module")
-def data(root):
-    """The module `training/data.py`, which is no part of the package."""
-    sys.path.insert(0, str(root / "training"))
-    import data
-
-    yield data
-    sys.path.remove(str(root / "training"))
-    del sys.modules["data"], sys.modules["configs"], sys.modules["interferers"]
-
-
-def test_an_example_is_a_function_of_seed_and_index(data):
+def test_an_example_is_a_function_of_seed_and_index():
     config = data.CONFIGS["paper"]
     first, again = (data.example(config, W, 20, 7) for _ in range(2))
     np.testing.assert_array_equal(first[0], again[0])
@@ -36,7 +28,7 @@ def test_an_example_is_a_function_of_seed_and_index(data):
     assert not np.array_equal(first[0], data.example(config, W, 21, 7)[0])
 
 
-def test_paper_set_has_the_papers_size_and_a_validation_part_of_its_own(data):
+def test_paper_set_has_the_papers_size_and_a_validation_part_of_its_own():
     config = data.CONFIGS["paper"]
     assert (config.size, config.validation, config.sir_db) == (50_000, 10_000, (-20.0, 0.0))
     _, clean, altitude_m, _ = next(data.validation_batches(config, W, 2))
@@ -45,7 +37,7 @@ def test_paper_set_has_the_papers_size_and_a_validation_part_of_its_own(data):
     assert altitude_m[0] == altitude
 
 
-def test_clean_part_is_the_cores_return(data):
+def test_clean_part_is_the_cores_return():
     """Without echoes the target is the core's delayed sweep, up to its carrier phase."""
     config = replace(data.CONFIGS["paper"], max_vertical_speed_m_per_s=0.0)
     _, clean, altitude_m = data.example(config, W, 1, 3)
@@ -56,7 +48,7 @@ def test_clean_part_is_the_cores_return(data):
 
 @pytest.mark.parametrize("kind", ["tones", "qpsk_rectangular"])
 @pytest.mark.parametrize("sir_db", [-30.0, 3.0])
-def test_interference_has_its_sir_over_the_whole_frame(data, kind, sir_db):
+def test_interference_has_its_sir_over_the_whole_frame(kind, sir_db):
     levels = {"sir_db": (sir_db, sir_db), "snr_db": (80.0, 80.0)}
     config = replace(data.CONFIGS["paper"], kinds=((kind, 1.0),), counts=(0.0, 1.0), **levels)
     for index in range(4):
@@ -65,13 +57,13 @@ def test_interference_has_its_sir_over_the_whole_frame(data, kind, sir_db):
         assert -10 * np.log10(extra) == pytest.approx(sir_db, abs=0.02)
 
 
-def test_extended_return_keeps_unit_power(data):
+def test_extended_return_keeps_unit_power():
     config = replace(data.CONFIGS["paper"], multipath=0.0, extended=1.0)
     _, clean, _ = data.example(config, W, 2, 0)
     assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.0, rel=1e-5)
 
 
-def test_every_epoch_holds_every_example_once_in_its_own_order(data, tmp_path):
+def test_every_epoch_holds_every_example_once_in_its_own_order(tmp_path):
     config = replace(data.CONFIGS["paper"], size=8, validation=2)
     epochs = [batch[0] for batch in itertools.islice(data.batches(config, W, 8), 2)]
     first, second = (sorted(epoch[:, 0, 0]) for epoch in epochs)
@@ -90,13 +82,13 @@ def test_every_epoch_holds_every_example_once_in_its_own_order(data, tmp_path):
     assert clean.dtype == np.float32 and stored.shape == (10, 2, 2, W.samples_per_frame)
 
 
-def test_content_hash_tells_sets_apart(data):
+def test_content_hash_tells_sets_apart():
     config = data.CONFIGS["paper"]
     assert data.content_hash(config, W, 2) == data.content_hash(config, W, 2)
     assert data.content_hash(config, W, 2) != data.content_hash(replace(config, snr_db=(4.0, 20.0)), W, 2)
 
 
-def test_a_coarse_converter_leaves_its_levels(data):
+def test_a_coarse_converter_leaves_its_levels():
     """Every frame through 1 to 8 bits: at most 256 values on a rail, and no example without a return in it."""
     config = replace(data.CONFIGS["heard"], converter=1.0, counts=(1.0,))
     levels = set()
@@ -109,22 +101,13 @@ def test_a_coarse_converter_leaves_its_levels(data):
     assert min(levels) == 2
 
 
-def test_configurations_without_a_converter_keep_their_description(data):
+def test_configurations_without_a_converter_keep_their_description():
     """The recorded hash of the paper's set holds its description; a field added later must not change it."""
     assert "converter" not in data.description(data.CONFIGS["paper"])
     assert "converter" in data.description(data.CONFIGS["heard"])
 
 
-@pytest.fixture(scope="module")
-def evaluate(data):
-    """The module `training/evaluate.py`."""
-    import evaluate
-
-    yield evaluate
-    del sys.modules["evaluate"], sys.modules["evaluate_report"]
-
-
-def test_a_method_leaves_a_case_after_two_levels_at_which_it_has_failed(evaluate, root, monkeypatch):
+def test_a_method_leaves_a_case_after_two_levels_at_which_it_has_failed(root, monkeypatch):
     # four altitudes of which none is near zero, which is what block LMS makes of all
     monkeypatch.setattr(evaluate, "FIRST_DRAW", 8000)
     chains = tuple(evaluate.chain_of(name, root / "models") for name in ("none", "lms"))
@@ -142,17 +125,10 @@ def test_a_method_leaves_a_case_after_two_levels_at_which_it_has_failed(evaluate
     assert [evaluate.COLUMNS.row(row) for row in study.measure(point)] == rows
 
 
-def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
+def test_the_evaluation_writes_its_folder_and_resumes(tmp_path, measured_here):
     out = tmp_path / "out"
-    words = "--methods none,whitening --trials 0 --clean-trials 3".split()
-    environment = {"PYTHONPATH": str(root / "python"), "PATH": "", "OMP_NUM_THREADS": "1"}
-
-    def run(*more):
-        command = (root / "training/evaluate.py", "--out", out, *words, *more)
-        done = ran_python(*command, limit_s=150, env=environment)
-        return done.returncode, done.stderr
-
-    assert run() == (0, "")
+    words = "--methods none,whitening --trials 0 --clean-trials 3 --jobs 1 --out".split()
+    assert ended(evaluate.main, *words, out) == (0, "")
     report = json.loads((out / "report.json").read_text())
     rows = (out / "rows.csv").read_bytes()
     assert len(report["rows"]) == 2 * 10 and report["models"] == {}
@@ -161,16 +137,17 @@ def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
     assert "| none | 1.000" in (out / "report.md").read_text()
     journal = (out / "points.jsonl").read_bytes()
     (out / "points.jsonl").write_bytes(journal[: int(0.6 * len(journal))])
-    assert run("--resume") == (0, "")
+    assert ended(evaluate.main, *words, out, "--resume") == (0, "")
     assert (out / "rows.csv").read_bytes() == rows
-    code, error = run("--resume", "--clean-trials", "4")
-    assert code == 2 and error.count("\n") == 1 and "special_trials is 3 there and 4 here" in error
+    status, error = ended(evaluate.main, *words, out, "--resume", "--clean-trials", "4")
+    assert_refused(status, error)
+    assert "special_trials is 3 there and 4 here" in error
 
 
 # -- sweeps, frames without a return, recordings ----------------------------------------------------------------------
 
 
-def test_sweeps_of_training_are_of_all_kinds_and_need_no_resampling(data):
+def test_sweeps_of_training_are_of_all_kinds_and_need_no_resampling():
     config = data.CONFIGS["any_sweep"]
     sweeps = [data.sweep_of(config, number, W) for number in range(60)]
     others = [sweep for sweep in sweeps if sweep != W]
@@ -181,7 +158,7 @@ def test_sweeps_of_training_are_of_all_kinds_and_need_no_resampling(data):
     assert data.sweep_of(data.CONFIGS["ground"], 3, W) == W
 
 
-def test_a_frame_without_a_return_has_its_noise_as_target(data):
+def test_a_frame_without_a_return_has_its_noise_as_target():
     config = replace(data.CONFIGS["any_sweep"], empty=1.0, converter=0.0, counts=(1.0,))
     received, clean, _ = data.example(config, W, 1, 0)
     np.testing.assert_array_equal(received, clean)
@@ -189,7 +166,7 @@ def test_a_frame_without_a_return_has_its_noise_as_target(data):
     assert np.abs(np.fft.fft(clean * W.reference.conj())).max() ** 2 / 7500 < 30  # no line at any beat
 
 
-def test_a_second_return_is_part_of_the_target(data):
+def test_a_second_return_is_part_of_the_target():
     config = replace(data.CONFIGS["any_sweep"], second=1.0, empty=0.0, multipath=0.0, extended=0.0)
     config = replace(config, max_vertical_speed_m_per_s=0.0)
     seen = 0
@@ -206,7 +183,7 @@ ONE_QPSK = {"kinds": (("qpsk_rectangular", 1.0),), "counts": (0.0, 1.0), "sir_db
 ONE_QPSK |= {"snr_db": (80.0, 80.0)} | dict.fromkeys(("impaired", "empty", "converter", "front_end"), 0.0)
 
 
-def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge(data):
+def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge():
     """A rectangular burst reaches over the band; behind paths and filter it has echoes, and its spectrum ends."""
     for received in (0.0, 1.0):
         config = replace(
@@ -222,9 +199,9 @@ def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge(data)
         assert (edge_db < -40.0) == bool(received)
 
 
-def test_an_interferers_own_noise_is_as_far_below_it_as_said(data, monkeypatch):
+def test_an_interferers_own_noise_is_as_far_below_it_as_said(monkeypatch):
     """Tones leave the band empty, so the noise there tells its power; the SIR holds both."""
-    monkeypatch.setattr(sys.modules["interferers"], "_OWN_NOISE_DB", (-10.0, -10.0))
+    monkeypatch.setattr(interferers, "_OWN_NOISE_DB", (-10.0, -10.0))
     levels_db = []
     for own_noise in (0.0, 1.0):
         kinds = {"kinds": (("tones", 1.0),)}
@@ -244,7 +221,7 @@ def test_an_interferers_own_noise_is_as_far_below_it_as_said(data, monkeypatch):
     assert levels_db[1] == pytest.approx(10 * np.log10(np.log(2.0) * 0.1 / 1.1), abs=0.2)
 
 
-def test_interference_that_lasts_goes_on_in_the_next_example(data):
+def test_interference_that_lasts_goes_on_in_the_next_example():
     """Two examples share one burst, which need not end where the first does; a return is each example's own."""
     config = replace(data.CONFIGS["any_sweep"], **ONE_QPSK, received=0.0, full_overlap=0.0, persistent=2)
     over_the_edge = 0
@@ -257,7 +234,7 @@ def test_interference_that_lasts_goes_on_in_the_next_example(data):
     assert over_the_edge >= 3
 
 
-def test_a_front_end_saturates_and_rounds(data):
+def test_a_front_end_saturates_and_rounds():
     """At most 12 bits, and a crest factor that falls towards 1 as the frame is driven into saturation."""
     config = replace(
         data.CONFIGS["any_sweep"], **(ONE_QPSK | {"front_end": 1.0, "counts": (1.0,), "snr_db": (5.0, 5.0)})
@@ -273,21 +250,13 @@ def test_a_front_end_saturates_and_rounds(data):
 
 def recording(folder, name, seed):
     """A short SigMF recording of noise."""
-    samples = np.random.default_rng(seed).standard_normal(2 * 40_000).astype(np.float32)
-    samples.tofile(folder / f"{name}.sigmf-data")
-    head = {
-        "core:datatype": "cf32_le",
-        "core:sample_rate": 1e6,
-        "core:version": "1.0.0",
-        "core:num_channels": 1,
-    }
-    meta = {"global": head, "captures": [{"core:sample_start": 0}], "annotations": []}
-    (folder / f"{name}.sigmf-meta").write_text(json.dumps(meta))
+    noise = np.random.default_rng(seed).standard_normal((40_000, 2)).view(complex)[:, 0]
+    make_recording.write(folder / f"{name}.sigmf-meta", noise, 1e6, "noise")
     return str(folder / f"{name}.sigmf-meta")
 
 
-@pytest.mark.parametrize("count", range(1, 10))
-def test_no_recording_is_in_both_training_and_validation(data, tmp_path, count):
+@pytest.mark.parametrize("count", [1, 2, 3, 9])
+def test_no_recording_is_in_both_training_and_validation(tmp_path, count):
     """Told apart by their samples, so a copy under another name does not help."""
     files = [recording(tmp_path, f"r{k}", k) for k in range(count)]
     copies = [recording(tmp_path, f"copy{k}", k) for k in range(count)]
@@ -298,7 +267,7 @@ def test_no_recording_is_in_both_training_and_validation(data, tmp_path, count):
     assert (len(validation) > 0) == (count > 1)
 
 
-def test_training_hears_the_recordings_of_its_part_only(data, tmp_path, monkeypatch):
+def test_training_hears_the_recordings_of_its_part_only(tmp_path, monkeypatch):
     heard = []
 
     class Listed(RecordingEmitter):
@@ -317,7 +286,7 @@ def test_training_hears_the_recordings_of_its_part_only(data, tmp_path, monkeypa
     assert set(heard) <= set(validation) and heard
 
 
-def test_a_recording_that_is_not_there_is_one_line(data, tmp_path):
+def test_a_recording_that_is_not_there_is_one_line(tmp_path):
     with pytest.raises(
         ValueError, match=r"recording .*none.sigmf-data: No such file.*; name a .sigmf-meta"
     ) as caught:

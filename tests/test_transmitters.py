@@ -54,9 +54,8 @@ def test_ofdm_has_its_cyclic_prefix(sent, name, length, prefix):
 
 def test_atsc_has_its_pilot_and_dvbs2_its_symbol_rate(sent):
     spectrum = np.abs(np.fft.fft(sent["atsc"])) ** 2
-    pilot_hz = (
-        -3e6 + (6e6 - 4.5e6 * 684 / 286 / 2) / 2
-    )  # A/53 Part 2: 0.31 MHz above the channel's lower edge
+    # A/53 Part 2: 0.31 MHz above the channel's lower edge
+    pilot_hz = -3e6 + (6e6 - 4.5e6 * 684 / 286 / 2) / 2
     peak_hz = np.fft.fftfreq(spectrum.size, 1 / 10e6)[spectrum.argmax()]
     assert peak_hz == pytest.approx(pilot_hz, abs=100.0)
     line = np.abs(np.fft.fft(np.abs(sent["dvbs2"]) ** 2))

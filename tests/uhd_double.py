@@ -15,6 +15,18 @@ from gnuradio import gr, uhd
 
 LATENCY = 150  # samples from TX to RX
 
+# of a scene: both in one enclosure, on one clock
+RADIO = {
+    "radar_serial": "R",
+    "jammer_serial": "J",
+    "enclosure": "cabled",
+    "attenuation_db": 40.0,
+    "radar_tx_gain_db": 40.0,
+    "jammer_tx_gain_db": 50.0,
+    "radar_rx_gain_db": 20.0,
+    "clock_source": "external",
+}
+
 
 class Air:
     """Virtual time, recorded calls and the samples on the way.

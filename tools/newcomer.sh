@@ -1,5 +1,5 @@
 #!/bin/sh
-# A newcomer's first hour in a fresh clone: the default run, help, what one brings, installing below a prefix, the
+# A newcomer's first hour in a fresh clone: an evaluation, help, what one brings, installing below a prefix, the
 # installed command, a flowgraph generated there, uninstalling; ends with 1 where a step fails or something is left.
 # usage: newcomer.sh [ENVIRONMENT]
 # ENVIRONMENT is a Python environment that exists, as `make setup` makes it. With it nothing is fetched: the clone and what
@@ -17,14 +17,13 @@ if [ -n "$environment" ]; then
     touch -d @0 requirements.lock # or make would bring the environment up to date
 fi
 make help
-make eval ARGS="--overlap 0,1 --altitudes 100,300 --frames 5 --out results/first"
+# with what one brings: a network and a method beside the shipped ones, a recording, samples in a file
+make eval ARGS="--overlap 1 --sir-db=-10 --altitudes 100,300 --frames 5 --methods none,whitening,tcae --capture \
+    --model mine=models/any_sweep.onnx --method-file own=flowgraphs/own_method.py --out results/first"
 test -s results/first/report.md
+for row in none whitening tcae mine own; do grep -q "^$row," results/first/rows.csv; done
 .venv/bin/python flowgraphs/collect.py results/first --out results/all
-# what one brings: a network and a method beside the shipped ones, a recording, samples in a file
-make eval ARGS="--overlap 1 --sir-db=-10 --altitudes 300 --frames 5 --methods none --model mine=models/any_sweep.onnx \
-    --method-file own=flowgraphs/own_method.py --capture --out results/own"
-for row in none mine own; do grep -q "^$row," results/own/rows.csv; done
-recording=$(ls results/own/captures/overlap*.sigmf-meta)
+recording=$(ls results/first/captures/overlap*.sigmf-meta)
 .venv/bin/python flowgraphs/ota_eval.py --replay "$recording" --methods none --out results/replay
 PYTHONPATH=python .venv/bin/python examples/own_samples.py "${recording%meta}data" | grep "frames ok"
 touch flowgraphs/ota_sim.py flowgraphs/ota_b210_epy_block_0.py # as the companion leaves them: no part of the module

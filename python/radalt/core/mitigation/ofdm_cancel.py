@@ -29,7 +29,7 @@ _VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = (
     3.0,
     7.0,
     25.0,
-    15.0,
+    35.0,
 )  # prices, see `IterativeReceiver`
 
 
@@ -180,6 +180,7 @@ class OfdmCancel(Mitigation):
         tones = received is not None
         received = received if tones else frame
         if tones:
+            self._ffts += _TONES_FFTS
             level = float(np.sqrt(np.vdot(received, received).real / frame.size))
         x = received * np.float32(1 / max(level, _TINY))
         sizes = power(x)
