@@ -37,7 +37,7 @@ types: $(VENV)/.test ## mypy, strict on what `import radalt` offers; prints what
 	@$(PYTHON) tools/check_types.py $(ARGS)
 
 fuzz: $(VENV)/.test ## hostile input at random, RADALT_FUZZ_S seconds (default 3600); prints how many and how they ended
-	@RADALT_FUZZ_S=$${RADALT_FUZZ_S:-3600} $(PYTHON) -m pytest -q -s tests/test_fuzz.py $(ARGS)
+	@RADALT_FUZZ_S=$${RADALT_FUZZ_S:-3600} $(PYTHON) -m pytest -q -s -o faulthandler_timeout=0 tests/test_fuzz.py $(ARGS)
 
 mutants: $(VENV)/.test ## which small mistakes the tests find, in RADALT_MUTANTS_S seconds (default 3600)
 	@$(PYTHON) tools/mutants.py $(ARGS)

@@ -298,6 +298,10 @@ def test_gaps_are_all_there_and_what_is_left_is_untouched():
     np.testing.assert_array_equal(got, kept)
 
 
+def test_gaps_of_one_length_have_it():
+    assert [length for _, length in made(drops=DropSettings(3, 70, 70)).gaps] == [70, 70, 70]
+
+
 # -- frames per call --------------------------------------------------------------------------------------------------
 
 PROGRAMME = Programme((500.0, 100.0), frames_per_step=3)

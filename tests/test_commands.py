@@ -83,6 +83,8 @@ def desk(tmp_path_factory):
     for name, like in {
         "my.onnx": ROOT / "models/tcae.onnx",
         "mynet.onnx": ROOT / "models/tcae.onnx",
+        "encoder.onnx": ROOT / "models/tcae.onnx",
+        "decoder.onnx": ROOT / "models/tcae.onnx",
         "flight.csv": landing / "approach_kord_10c.csv",
         "n41.dt1": landing / "hilly_n41w088.dt0",
         "n42.dt1": landing / "hilly_n41w089.dt0",

@@ -18,7 +18,7 @@ from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine.options import check_ours
 from radalt.evaluation.results.figure import new_figure, save_figure
-from radalt.evaluation.results.folder import FolderError, RunFolder, write_json
+from radalt.evaluation.results.folder import FolderError, RunFolder, replace_file, write_json
 
 # an ONNX file of one matrix product, whose matrix lies in the file m.data beside it
 WEIGHTS_OUTSIDE = base64.b64decode(
@@ -96,10 +96,13 @@ def test_a_limit_of_file_sizes_is_one_line_that_names_the_file(tmp_path, monkeyp
     try:
         options = Options(tmp_path / "run", jobs=1)
         status, error = ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
+        with pytest.raises(OSError, match="bundle.zip"):
+            replace_file(tmp_path / "bundle.zip", bytes(101))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert_refused(status, error)
     assert f"{tmp_path}/run/run.json cannot be written (File too large)" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, sa
 from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
 from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.overlap.study import OverlapStudy
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = ROOT / "flowgraphs"
@@ -230,9 +231,85 @@ def call(*command: object) -> subprocess.CompletedProcess:
     return ran_python(*command, env=os.environ | {"PYTHONPATH": path})
 
 
-def test_a_network_in_two_files_is_told_how_to_become_one():
-    with pytest.raises(MitigationError, match="one file: join encoder and decoder with onnx.compose.merge"):
-        create("tcae", W, model="encoder.onnx+decoder.onnx")
+def proto(number: int, *content: bytes | str | int) -> bytes:
+    """One field of a protobuf message: an integer, or text, bytes and messages."""
+    if isinstance(content[0], int):
+        return varint(number << 3) + varint(content[0])
+    body = b"".join(part.encode() if isinstance(part, str) else part for part in content)
+    return varint(number << 3 | 2) + varint(len(body)) + body
+
+
+def varint(value: int) -> bytes:
+    low, high = value & 127, value >> 7
+    return bytes([low | 128]) + varint(high) if high else bytes([low])
+
+
+def network(path: Path, *operators: str, samples: int = W.samples_per_frame, contract: bool = True) -> Path:
+    """An ONNX file of operators without weights, one behind the other."""
+    shape = b"".join(
+        proto(1, proto(2, "n") if size is None else proto(1, size)) for size in (None, 2, samples)
+    )
+    kind = proto(2, proto(1, proto(1, 1), proto(2, shape)))  # float32
+    nodes = (
+        proto(1, proto(1, f"x{k}"), proto(2, f"x{k + 1}"), proto(4, name)) for k, name in enumerate(operators)
+    )
+    ends = proto(11, proto(1, "x0"), kind) + proto(12, proto(1, f"x{len(operators)}"), kind)
+    about = {
+        "frame_samples": W.samples_per_frame,
+        "layout": "iq_channels_first",
+        "normalisation": "joint_rms",
+    }
+    about |= {"rate_hz": W.rate_hz, "centered": 1}
+    props = (proto(14, proto(1, f"radalt_{k}"), proto(2, str(v))) for k, v in about.items() if contract)
+    graph = proto(7, *nodes, proto(2, "g"), ends)
+    path.write_bytes(proto(1, 8) + graph + proto(8, proto(2, 13)) + b"".join(props))
+    return path
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_network_in_two_files_is_the_joined_one(first, tmp_path):
+    whole = network(tmp_path / "whole.onnx", "Tanh", "Neg")
+    parts = (
+        network(tmp_path / "c++.onnx", "Tanh", contract=first),
+        network(tmp_path / "d.onnx", "Neg", contract=not first),
+    )
+    frames = FRAMES + 0.5 * np.roll(FRAMES, 1, axis=0)  # of one return each, they would pass as they are
+    options = {"batch": 2, "shift_check": False}
+    joined, split = (create("tcae", W, model=m, **options) for m in (whole, "+".join(map(str, parts))))
+    np.testing.assert_array_equal(split.process(frames), joined.process(frames))
+    assert split.status()["model"] == "c++.onnx+d.onnx"
+    network(parts[1], "Abs", contract=not first)
+    other = create("tcae", W, model=split.model, **options)
+    assert other.status()["sha256"] != split.status()["sha256"]
+    assert (other.process(frames) != joined.process(frames)).any(axis=1).all()
+
+
+def test_both_files_of_a_network_are_watched_and_shipped(tmp_path):
+    parts = network(tmp_path / "e.onnx", "Tanh"), network(tmp_path / "d.onnx", "Neg")
+    own = {"paper": {"method": "tcae", "model": "+".join(map(str, parts))}}
+    study = OverlapStudy(small_scene(methods=("none", "paper"), method_options=own))
+    assert set(study.files().values()) == set(parts)
+    moved = {name: path.parent / "there" / path.name for name, path in study.files().items()}
+    assert study.with_files(moved).files() == moved
+
+
+@pytest.mark.parametrize(
+    ("decoder", "message"),
+    [
+        (None, "d.onnx does not exist; name one with --model"),
+        (
+            {"samples": 100},
+            r"encoder gives tensor\(float\) .* decoder takes .* name the files of one network",
+        ),
+        ({"contract": False}, "lacks the metadata radalt_frame_samples"),
+    ],
+)
+def test_two_files_that_are_no_network_are_refused(decoder, message, tmp_path):
+    network(tmp_path / "e.onnx", "Tanh", contract=False)
+    if decoder is not None:
+        network(tmp_path / "d.onnx", "Neg", **decoder)
+    with pytest.raises(MitigationError, match=message):
+        create("tcae", W, model=f"{tmp_path}/e.onnx+{tmp_path}/d.onnx")
 
 
 # -- networks and files of the user's own, beside each other and beside the shipped ones ------------------------------

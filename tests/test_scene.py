@@ -83,6 +83,7 @@ def test_numbers_may_be_written_as_people_write_them(text):
 WRONG = [
     ("wavefrom: {}", "'wavefrom'", "did you mean 'waveform'", "allowed: altimeter"),
     ("waveform: {bandwidth_mhz: 7.5}", "'waveform.bandwidth_mhz'", "did you mean 'bandwidth_hz'", "allowed:"),
+    ("methods: [whitenning]", "'whitenning'", "did you mean 'whitening'", "allowed: none"),
     ("waveform: {rate_hz: -7500000.0}", "waveform.rate_hz", "-7500000.0", "above 0"),
     ("waveform: {rate_hz: 7.5 MHz}", "waveform.rate_hz", "'7.5 MHz'", "expected a number, in the unit"),
     ("waveform: {rate_hz: true}", "waveform.rate_hz", "True", "expected a number"),
@@ -136,6 +137,8 @@ def test_broken_yaml_names_the_line(tmp_path):
 
 
 def test_missing_and_binary_files_are_named(tmp_path):
+    with pytest.raises(SceneError, match="did you mean 'paper_qpsk'"):
+        load_scene("paper_qsk")
     with pytest.raises(SceneError, match="none.yaml: cannot be read .*No such file.*shipped scene's name"):
         load_scene(tmp_path / "none.yaml")
     with pytest.raises(SceneError, match="no_such_scene.yaml: cannot be read"):

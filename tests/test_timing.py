@@ -277,9 +277,12 @@ def test_untagged_loss_is_noticed_and_never_a_shifted_altitude(span):
     index, error = errors(run)
     assert np.abs(error).max() < 1.0
     assert run.segmenter.counters["discontinuities"] == 0  # nobody told it
-    assert run.segmenter.counters["lock_losses"] >= 1
-    assert run.segmenter.counters["unlocked_frames"] >= 1
+    counters = run.segmenter.counters
+    assert counters["lock_losses"] >= 1
     assert any(run.unlocked)
+    # every frame is counted once; an acquisition skips up to one
+    received = len(run.unlocked) - sum(length for _, length in run.gaps) / N
+    assert 0 <= received - counters["frames"] - counters["unlocked_frames"] <= 8
     # a section two frames off is still found; longer losses name themselves by rx_time only
     if span[1] <= 5000:
         assert index.size > 100

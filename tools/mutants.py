@@ -1,77 +1,172 @@
 #!/usr/bin/env python3
 """Which small mistakes in the receiver, the channel and the radio do the tests find? `make mutants` prints a table.
 
-Negates a comparison, swaps + and -, or swaps `and` and `or`, one at a time, in a copy of the tree, and runs the test
-files that import the module. A survivor is a missing test, or a change on which no result depends. RADALT_MUTANTS_S is
-the time it takes, s (default 3600); arguments are the modules to mutate, all without.
+Negates a comparison, swaps + and -, or swaps `and` and `or` within a function, one at a time, and runs the tests that
+call the function, the cheapest first. A survivor is a missing test, a dear one that was left out, or a change on which
+no result depends. A test that fails without a mutation, too, kills nothing; nor does a run without an end, which may be
+a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600); arguments are modules, or lines of them, as
+altimeter:120.
+
+Everything is imported once. Each mutant is a fork of that process, in which the functions of the module get other code:
+starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import functools
+import gc
+import json
 import os
 import random
-import shutil
-import subprocess
-import sys
+import re
+import resource
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import CodeType, FunctionType
 
+import pytest
 from _tool import FLOWGRAPHS
+
+from radalt.evaluation.results.proportion import wilson_interval
 
 ROOT, CORE = FLOWGRAPHS.parent, FLOWGRAPHS.parent / "python/radalt/core"
 LIMIT_S = float(os.environ.get("RADALT_MUTANTS_S", 3600))
-MOST_FILES = (
-    3  # test files of a mutant, those that name the module most often: others take minutes and kill few
-)
+TESTS_S = 20.0  # CPU time of a mutant's tests without a mutation, s: the dearer ones take minutes
+CPU_S = 5 * TESTS_S  # CPU time after which a mutant's tests have no end, at any load of the machine, s
 SEED = 1  # of the order, in which the modules are mixed: a short time is a sample of all
 OTHER = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
 OTHER |= {ast.Add: ast.Sub, ast.And: ast.Or}
 OTHER |= {b: a for a, b in OTHER.items()}
 
 
-def sites(tree: ast.Module) -> list[ast.expr]:
-    """Expressions that can be mutated: in a comparison the first operator."""
+def sites(tree: ast.Module) -> list[tuple[ast.expr, int]]:
+    """Expressions that can be mutated, with the lines of their functions: in a comparison the first operator."""
+    found = {}
+    for f in ast.walk(tree):  # from outside inwards
+        if isinstance(f, ast.FunctionDef):
+            found |= {n: f.lineno for line in f.body for n in ast.walk(line)}
     return [
-        n
-        for n in ast.walk(tree)
+        (n, line)
+        for n, line in found.items()
         if type(n.ops[0] if isinstance(n, ast.Compare) else getattr(n, "op", 0)) in OTHER
     ]
 
 
-def mutated(text: str, number: int) -> tuple[str, str]:
-    """The module with one operator swapped, and that expression with its line."""
-    tree = ast.parse(text)
-    node = sites(tree)[number]
+def mutate(node: ast.expr) -> None:
+    """Swap the operator of an expression."""
     if isinstance(node, ast.Compare):
         node.ops[0] = OTHER[type(node.ops[0])]()
     else:
         node.op = OTHER[type(node.op)]()
-    return ast.unparse(tree), f"{node.lineno}: {ast.unparse(node)}"
+
+
+def put(tree: ast.Module, file: Path, **names: object) -> None:
+    """Give the functions of an imported module the code of another tree, and the module more names."""
+    codes, todo = {}, [compile(tree, str(file), "exec")]
+    while todo:
+        code = todo.pop()
+        codes[code.co_name, code.co_firstlineno] = code
+        todo += [inner for inner in code.co_consts if isinstance(inner, CodeType)]
+    for function in gc.get_objects():
+        if isinstance(function, FunctionType) and function.__code__.co_filename == str(file):
+            function.__code__ = codes[function.__code__.co_name, function.__code__.co_firstlineno]
+            function.__globals__.update(names)
 
 
 def tests_of(file: Path) -> list[str]:
-    """Test files that import a module or, without one, a neighbour that imports it."""
+    """The test file that names a module most often, of those that import it or, without one, a neighbour of it."""
     texts = {f"tests/{p.name}": p.read_text() for p in sorted((ROOT / "tests").glob("test_*.py"))}
     near = [p.stem for p in file.parent.glob("*.py") if f"from .{file.stem} import" in p.read_text()]
     for stems in ([file.stem], near):
         lines = [f"from radalt.core.{file.parent.name}.{stem} import" for stem in stems]
         found = [name for name, text in texts.items() if any(line in text for line in lines)]
         if found:
-            return sorted(found, key=lambda name: -texts[name].count(file.stem))[:MOST_FILES]
+            return [max(found, key=lambda name: texts[name].count(file.stem))]
     return []
 
 
-def passes(tree: Path, tests: list[str], limit_s: float) -> bool:
-    """Whether tests pass in the copy; what does not end has failed."""
-    command = [sys.executable, "-m", "pytest", "-qx", "-pno:cacheprovider", *tests]
-    try:
-        return not subprocess.run(command, cwd=tree, capture_output=True, timeout=limit_s).returncode
-    except subprocess.TimeoutExpired:
-        return False
+def forked(before: Callable[[], None], *arguments: str, plugin: object = None) -> tuple[int, str]:
+    """Status and output of pytest in a fork of this process, after a call."""
+    with tempfile.TemporaryFile("w+") as out:
+        if not (pid := os.fork()):
+            for number in (1, 2):
+                os.dup2(out.fileno(), number)
+            before()
+            os._exit(pytest.main(["-q", "-pno:cacheprovider", *arguments], plugins=[plugin]))
+        status = os.waitpid(pid, 0)[1]
+        out.seek(0)
+        return status, out.read()
+
+
+class Calls:
+    """Pytest plugin that writes CPU time and called functions of each test that passes into a file."""
+
+    def __init__(self, file: Path) -> None:
+        self.file, self.ran, self.calls, self.bad = file, set(), {}, set()
+
+    def watch(self, files: Iterable[Path]) -> None:
+        """Let the functions of imported modules say that they run: threads of GNU Radio see no profiler."""
+        for file in files:
+            tree = ast.parse(file.read_text())
+            for f in ast.walk(tree):
+                if isinstance(f, ast.FunctionDef):
+                    f.body.insert(0, ast.parse(f"_ran.add(({file.stem!r}, {f.lineno}))").body[0])
+            put(ast.fix_missing_locations(tree), file, _ran=self.ran)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> object:
+        """Note what ran until the test's end, its fixtures included."""
+        self.ran.clear()
+        begun = time.process_time()
+        result = yield
+        self.calls[item.nodeid] = time.process_time() - begun, sorted(self.ran)
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Forget a test that fails."""
+        self.bad |= {report.nodeid} if report.failed else set()
+
+    def pytest_sessionfinish(self) -> None:
+        """Write what passed."""
+        self.file.write_text(json.dumps({t: c for t, c in self.calls.items() if t not in self.bad}))
+
+
+def calls_of(files: Iterable[Path], tests: Iterable[str]) -> dict[tuple[str, int], list[str]]:
+    """Tests by the functions, as module and line, that they call, the cheapest first, `TESTS_S` together."""
+    with tempfile.TemporaryDirectory() as folder:
+        calls = Calls(Path(folder) / "calls.json")
+        forked(lambda: calls.watch(files), *tests, plugin=calls)
+        known = json.loads(calls.file.read_text())
+    out, spent = defaultdict(list), Counter()
+    for test, (cpu_s, functions) in sorted(known.items(), key=lambda entry: entry[1][0]):
+        for function in map(tuple, functions):
+            spent[function] += cpu_s
+            if spent[function] < TESTS_S:
+                out[function].append(test)
+    return out
+
+
+def killer(tests: list[str], tree: ast.Module, file: Path) -> str | None:
+    """The first of a mutant's tests that fails, empty if none does; None if they have no end."""
+
+    def mutant() -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (int(CPU_S), int(CPU_S)))
+        put(tree, file)
+
+    status, said = forked(mutant, "-x", *tests)
+    found = re.findall(r"^(?:FAILED|ERROR) (tests/.*?)(?: - .*)?$", said, re.MULTILINE)
+    return found[0] if found else None if status else ""
+
+
+@functools.cache
+def sound(test: str) -> bool:
+    """Whether a test passes without a mutation, a second time: the machine may be slower now."""
+    return not forked(lambda: None, test)[0]
 
 
 def main() -> None:
@@ -80,36 +175,43 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("modules", nargs="*", metavar="MODULE", help="all without")
-    wanted = parser.parse_args().modules
-    if unknown := set(wanted) - {f.stem for f in files}:
+    parser.add_argument("modules", nargs="*", metavar="MODULE[:LINE]", help="all without")
+    wanted = set(parser.parse_args().modules)
+    if unknown := {name.partition(":")[0] for name in wanted} - {f.stem for f in files}:
         parser.error(f"no module {min(unknown)}: one of {', '.join(f.stem for f in files)}")
-    files = [f for f in files if tests_of(f) and (f.stem in wanted or not wanted)]
-    todo = [(f, k) for f in files for k in range(len(sites(ast.parse(f.read_text()))))]
+    todo = [
+        (f, number)
+        for f in files
+        for number, (node, _) in enumerate(sites(ast.parse(f.read_text())))
+        if not wanted or {f.stem, f"{f.stem}:{node.lineno}"} & wanted
+    ]
     random.Random(SEED).shuffle(todo)
-    tried, killed, whole_s, end = Counter(), Counter(), {}, time.monotonic() + LIMIT_S
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        shutil.copytree(
-            ROOT, tree, symlinks=True, ignore=shutil.ignore_patterns(".*", "build", "*.sigmf-data")
-        )
-        for file, number in todo:
-            tests, copy, begun = tests_of(file), tree / file.relative_to(ROOT), time.monotonic()
-            if begun > end:
-                break
-            if file not in whole_s:  # time of the module's tests without a mutation
-                if not passes(tree, tests, LIMIT_S):
-                    sys.exit(f"mutants: {', '.join(tests)} fail without a mutation, or take longer")
-                whole_s[file] = time.monotonic() - begun
-            text, where = mutated(file.read_text(), number)
-            copy.write_text(text)
-            survived = passes(tree, tests, 3 * whole_s[file])
-            copy.write_text(file.read_text())
-            print("SURVIVED" if survived else "killed  ", f"{file.name}:{where}"[:150], flush=True)
-            tried.update((file.name, "all"))
-            killed.update(() if survived else (file.name, "all"))
-    for name, count in sorted(tried.items()):
-        print(f"{name:28} {killed[name]:5} of {count:5} killed")
+    end = time.monotonic() + LIMIT_S
+    os.chdir(ROOT)
+    tests = sorted({name for f, _ in todo for name in tests_of(f)})
+    pytest.main(["-qq", "--collect-only", *tests])
+    calls = calls_of({f for f, _ in todo}, tests)
+    killed, survived = Counter(), Counter()
+    for file, number in todo:
+        if time.monotonic() > end:
+            break
+        tree = ast.parse(file.read_text())
+        node, function = sites(tree)[number]
+        where = f"{file.name}:{node.lineno}: {ast.unparse(node)}"
+        mutate(node)
+        mine = calls[file.stem, function]
+        found = killer(mine, tree, file) if mine else ""
+        if found and not sound(found):
+            found = None
+        said = "no end  " if found is None else "killed  " if found else "SURVIVED"
+        print(said, where[:120], found or f"{len(mine)} tests", flush=True)
+        killed[file.name] += bool(found)
+        survived[file.name] += found == ""
+    for name in sorted(killed):
+        print(f"{name:28} {killed[name]:5} of {killed[name] + survived[name]:5} killed")
+    count = killed.total() + survived.total()
+    low, high = wilson_interval(killed.total(), count)
+    print(f"{killed.total()} of {count} killed, 95 % interval {100 * low:.0f} to {100 * high:.0f} %")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ import numpy as np
 from .core.channel.settings import DropSettings
 from .core.mitigation import CUSTOM, METHODS, Mitigation, MitigationError, create
 from .core.mitigation.function import MethodLike, as_methods
-from .core.paths import share_dir
+from .core.paths import scene_names
 from .core.scene import Scene, SceneError, load_scene
 from .core.waveform import Waveform
 
@@ -61,7 +61,7 @@ class Names(tuple[str, ...]):
 
 def scenes() -> Names:
     """Names of the shipped scenes; `radalt.scenes` is this list."""
-    return Names(sorted(file.stem for file in (share_dir() / "flowgraphs" / "scenes").glob("*.yaml")))
+    return Names(scene_names())
 
 
 def methods() -> Names:

@@ -19,7 +19,8 @@ class tcae(MitigationBlock):
     scene : Scene
         Waveform for the check of the model's contract, on construction.
     model : str
-        ONNX file; empty takes the scene's ``method_options.tcae.model``, else the shipped default.
+        ONNX file, or ``ENCODER.onnx+DECODER.onnx``; empty takes the scene's ``method_options.tcae.model``, else the
+        shipped default.
     threads : int
         ONNX Runtime's threads; 1 is fastest inside a flowgraph.
     batch : int

@@ -7,7 +7,15 @@ import re
 import sys
 from pathlib import Path
 
-__all__ = ["model_path", "no_gnu_radio", "remedy", "say_other_installation", "scene_path", "share_dir"]
+__all__ = [
+    "model_path",
+    "no_gnu_radio",
+    "remedy",
+    "say_other_installation",
+    "scene_names",
+    "scene_path",
+    "share_dir",
+]
 
 
 def share_dir() -> Path:
@@ -84,6 +92,11 @@ def no_gnu_radio() -> str:
 def model_path(name: str) -> Path:
     """A shipped model by file name."""
     return share_dir() / "models" / name
+
+
+def scene_names() -> list[str]:
+    """Names of the shipped scenes."""
+    return sorted(file.stem for file in (share_dir() / "flowgraphs" / "scenes").glob("*.yaml"))
 
 
 def scene_path(name: str | Path) -> Path:

@@ -60,7 +60,7 @@ class Custom(Mitigation):
         if not file:
             raise MitigationError(f"method custom has no file; name one with --method-file: {_CONTRACT}")
         self.file = Path(file)
-        rehearse("method file", self.file, waveform)
+        rehearse("method file", waveform, self.file)
         module = self._load()
         self._mitigate = self._method(module, waveform)
         self.sha256 = hashlib.sha256(self.file.read_bytes()).hexdigest()

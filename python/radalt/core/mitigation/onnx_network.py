@@ -17,7 +17,7 @@ from ..interrupts import ctrl_c_waits
 from ..paths import remedy
 from .base import MitigationError
 
-__all__ = ["PROVIDERS", "OnnxNetwork", "gpu_there"]
+__all__ = ["PROVIDERS", "OnnxNetwork", "gpu_there", "network_files"]
 
 # ONNX Runtime's packages report every session to their maker unless this is set before they are imported.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
@@ -28,12 +28,27 @@ PROVIDERS = {"cpu": (_CPU,), "cuda": ("CUDAExecutionProvider", _CPU)}
 _LOG = logging.getLogger(__name__)
 
 
+def network_files(model: str | Path) -> tuple[Path, ...]:
+    """The files of a network: one, or encoder and decoder of ``ENCODER.onnx+DECODER.onnx``.
+
+    Examples
+    --------
+    >>> [path.name for path in network_files("c++/encoder.onnx+c++/decoder.onnx")]
+    ['encoder.onnx', 'decoder.onnx']
+    """
+    encoder, _, decoder = str(model).partition(".onnx+")
+    if not decoder or Path(model).exists():
+        return (Path(model),)
+    return Path(f"{encoder}.onnx"), Path(decoder)
+
+
 class OnnxNetwork:
     """A session with input and output bound to work arrays, grown to the largest batch seen.
 
     Parameters
     ----------
     model : Path
+        As of `network_files`; of two files the first one's output is the second one's input.
     samples : int
         Samples ``N`` of a frame.
     threads : int
@@ -45,12 +60,12 @@ class OnnxNetwork:
     Attributes
     ----------
     metadata : dict of str
-        As the file carries it.
+        As the file carries it; of two files the first one's, completed by the second one's.
 
     Raises
     ------
     MitigationError
-        If onnxruntime is missing or the file is no readable model.
+        If onnxruntime is missing, a file is no readable model, or decoder does not fit encoder.
 
     Notes
     -----
@@ -59,9 +74,15 @@ class OnnxNetwork:
 
     def __init__(self, model: Path, samples: int, threads: int, provider: str = "cpu") -> None:
         self.model, self._samples = model, samples
-        self._ort, self._session = _load(model, threads, provider)
+        loaded = [_load(file, threads, provider) for file in network_files(model)]
+        self._ort, self._session = loaded[-1]
+        self._encoder = loaded[0][1] if len(loaded) == 2 else None
+        if self._encoder is not None:
+            _check_fit(model, self._encoder, self._session)
         self._input, self._output = self._session.get_inputs()[0].name, self._session.get_outputs()[0].name
-        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        self.metadata: dict[str, str] = {}
+        for _, session in reversed(loaded):
+            self.metadata |= session.get_modelmeta().custom_metadata_map
         self._tables: dict[str, np.ndarray] = {}
         self._allocate(1)
 
@@ -88,6 +109,8 @@ class OnnxNetwork:
         try:
             if n not in self._bindings:
                 self._bindings[n] = self._bind(n)
+            if self._encoder is not None:
+                self._bindings[n].bind_cpu_input(self._input, self._encoded(self._planes[:n]))
             self._session.run_with_iobinding(self._bindings[n])
         except Exception as error:  # onnxruntime raises a family of unrelated C++ exception types
             raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
@@ -97,9 +120,14 @@ class OnnxNetwork:
         """Shape that one frame comes out in, by running one; bound arrays take no other than (1, 2, N)."""
         try:
             frame = np.ones((1, 2, self._samples), np.float32)
-            return self._session.run(None, {self._input: frame, **self._tables})[0].shape
+            code = frame if self._encoder is None else self._encoded(frame)
+            return self._session.run(None, {self._input: code, **self._tables})[0].shape
         except Exception as error:  # see run
             raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
+
+    def _encoded(self, planes: np.ndarray) -> np.ndarray:
+        """The encoder's output."""
+        return self._encoder.run(None, {self._encoder.get_inputs()[0].name: planes})[0]
 
     def _allocate(self, n: int) -> None:
         self._planes = np.empty((n, 2, self._samples), dtype=np.float32)
@@ -109,7 +137,8 @@ class OnnxNetwork:
     def _bind(self, n: int):  # noqa: ANN202 - the type lives in the optional package
         binding = self._session.io_binding()
         value = self._ort.OrtValue.ortvalue_from_numpy
-        binding.bind_ortvalue_input(self._input, value(self._planes[:n]))
+        if self._encoder is None:
+            binding.bind_ortvalue_input(self._input, value(self._planes[:n]))
         for name, values in self._tables.items():
             binding.bind_ortvalue_input(name, value(values))
         binding.bind_ortvalue_output(self._output, value(self._cleaned[:n]))
@@ -142,12 +171,7 @@ def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types
             f"tcae needs onnxruntime, which this Python lacks; {remedy('onnxruntime')}"
         ) from None
     if not model.is_file():
-        remedied = (
-            "a network is one file: join encoder and decoder with onnx.compose.merge_models"
-            if "+" in model.name
-            else "name one with --model"
-        )
-        raise MitigationError(f"tcae model {model} does not exist; {remedied}")
+        raise MitigationError(f"tcae model {model} does not exist; name one with --model")
     wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
     try:
         written = model.stat()
@@ -165,7 +189,7 @@ def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types
     return onnxruntime, session
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _session(model: str, threads: int, providers: tuple[str, ...], written: tuple[int, int]):  # noqa: ANN202 - see _load
     import onnxruntime
 
@@ -178,6 +202,23 @@ def _session(model: str, threads: int, providers: tuple[str, ...], written: tupl
     # A digest of the file has to cover its weights: none is taken from files beside it.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     return onnxruntime.InferenceSession(content, options, providers=list(providers))
+
+
+def _check_fit(model: Path, encoder, decoder) -> None:  # noqa: ANN001 - see _load
+    """Raise unless one input and one output each fit; lengths that a file leaves open are found in running."""
+    if any(len(ends) != 1 for part in (encoder, decoder) for ends in (part.get_inputs(), part.get_outputs())):
+        raise MitigationError(
+            f"tcae model {model}: encoder and decoder have to have one input and one output each; "
+            "join them with onnx.compose.merge_models"
+        )
+    given, taken = encoder.get_outputs()[0], decoder.get_inputs()[0]
+    fits = given.type == taken.type and len(given.shape) == len(taken.shape)
+    sizes = zip(given.shape, taken.shape, strict=False)
+    if not fits or any(a != b for a, b in sizes if isinstance(a, int) and isinstance(b, int)):
+        raise MitigationError(
+            f"tcae model {model}: the encoder gives {given.type} {given.shape}, the decoder takes "
+            f"{taken.type} {taken.shape}; name the files of one network"
+        )
 
 
 def _first_line(error: Exception) -> str:

@@ -31,8 +31,8 @@ _FLAG = "RADALT_REHEARSAL"
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; perform({link})"
 
 
-def rehearse(what: str, file: Path, waveform: Waveform) -> None:
-    """Build a foreign file's method in another process and clean a frame; files already tried return at once.
+def rehearse(what: str, waveform: Waveform, *files: Path) -> None:
+    """Build the method of foreign files in another process and clean a frame; files already tried return at once.
 
     Worker processes skip it: their work has a time limit, and the program that started them has rehearsed.
 
@@ -40,8 +40,9 @@ def rehearse(what: str, file: Path, waveform: Waveform) -> None:
     ----------
     what : str
         "method file" or "tcae model".
-    file : Path
     waveform : Waveform
+    *files : Path
+        One, or a network's encoder and decoder.
 
     Raises
     ------
@@ -50,27 +51,29 @@ def rehearse(what: str, file: Path, waveform: Waveform) -> None:
         refuses.
     """
     try:
-        check_file(file, most_bytes=MOST_BYTES[what], what=what)
+        for file in files:
+            check_file(file, most_bytes=MOST_BYTES[what], what=what)
     except InputError as error:
         raise MitigationError(str(error)) from None
     if _FLAG in os.environ or multiprocessing.parent_process() is not None:
         return
-    status = file.stat()
-    problem = _rehearsed(what, file.resolve(), status.st_mtime_ns, status.st_size, waveform)
+    written = tuple((status.st_mtime_ns, status.st_size) for status in (file.stat() for file in files))
+    problem = _rehearsed(what, "+".join(str(file.resolve()) for file in files), written, waveform)
     if problem:
         raise MitigationError(problem)
 
 
 @functools.lru_cache(maxsize=64)
-def _rehearsed(what: str, file: Path, changed_ns: int, size: int, waveform: Waveform) -> str:
-    """What is wrong with a file, by its name, time and size; empty for nothing."""
+def _rehearsed(what: str, file: str, written: tuple[tuple[int, int], ...], waveform: Waveform) -> str:
+    """What is wrong with a file, or two, by its name, time and size; empty for nothing."""
+    del written  # another file of the same name is another key
     read, write = os.pipe()
     program = _PROGRAM.format(path=sys.path, module=__name__, link=write)
     word = secrets.token_hex(8)  # proof that it got to the end: foreign code may exit with any status
     method, key = _METHODS[what]
     request = {
         "method": method,
-        "options": {key: str(file)},
+        "options": {key: file},
         "waveform": dataclasses.asdict(waveform),
         "word": word,
     }

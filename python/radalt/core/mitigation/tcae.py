@@ -16,7 +16,7 @@ from .any_sweep import layout_of, resampled, tables_of
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 from .input_scaler import NORMALISATIONS, InputScaler
 from .interference_detector import InterferenceDetector
-from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there
+from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there, network_files
 from .rehearsal import rehearse
 from .shift_check import ShiftCheck
 
@@ -83,9 +83,10 @@ class Tcae(Mitigation):
     Parameters
     ----------
     model : path, optional
-        ONNX file, default `default_model_path`. Its metadata states frame length, layout, normalisation, rate and
-        centering; whatever does not fit the waveform is refused on construction in one line. A network for ``any``
-        sweep takes the sweep's tables as inputs (`any_sweep`); frames are resampled where their length asks for it.
+        ONNX file, or ``ENCODER.onnx+DECODER.onnx``; default `default_model_path`. Its metadata states frame length,
+        layout, normalisation, rate and centering; whatever does not fit the waveform is refused on construction in
+        one line. A network for ``any`` sweep takes the sweep's tables as inputs (`any_sweep`); frames are resampled
+        where their length asks for it.
     threads : int
         Intra-op threads; 1 is fastest inside a flowgraph, whose other blocks want the cores.
     skip_clean : bool
@@ -153,8 +154,9 @@ class Tcae(Mitigation):
             raise MitigationError(f"tcae.provider is {provider!r}; one of {', '.join(PROVIDERS)}")
         self.model = Path(model) if model else default_model_path(waveform, gpu=gpu_there(provider))
         self.threads = threads
-        if self.model.is_file() and not _is_shipped(self.model):
-            rehearse("tcae model", self.model, waveform)
+        self.files = network_files(self.model)
+        if all(file.is_file() for file in self.files) and not all(map(_is_shipped, self.files)):
+            rehearse("tcae model", waveform, *self.files)
         self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads, provider)
         self.metadata = self._network.metadata
         self._check(waveform)
@@ -165,7 +167,7 @@ class Tcae(Mitigation):
             self._samples = layout.samples
             self._network.serve(layout.samples, tables_of(waveform, layout))
         self._scaler = InputScaler(self.metadata["radalt_normalisation"], self._samples, dither_db)
-        self.sha256 = hashlib.sha256(self.model.read_bytes()).hexdigest()
+        self.sha256 = hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest()
         default = _is_default(self.sha256)
         skips = any_sweep if skip_white is None else skip_white
         self._white = InterferenceDetector(waveform) if skips else None
@@ -305,7 +307,7 @@ class Tcae(Mitigation):
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`: model file, hash, providers, threads."""
         return super().status() | {
-            "model": self.model.name,
+            "model": "+".join(file.name for file in self.files),
             "sha256": self.sha256,
             "placeholder": self.placeholder,
             "skipped_frames": self.skipped_frames,

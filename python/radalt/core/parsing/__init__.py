@@ -7,7 +7,7 @@
 
 from .files import check_file, load_yaml, read_bytes, read_text
 from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
-from .messages import InputError, check_range, shown
+from .messages import InputError, check_range, did_you_mean, shown
 
 __all__ = [
     "LARGEST",
@@ -17,6 +17,7 @@ __all__ = [
     "check_file",
     "check_range",
     "convert",
+    "did_you_mean",
     "load_yaml",
     "plain",
     "quantity",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import difflib
 import inspect
 import math
 import re
@@ -21,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from .messages import CONTROL, shown
+from .messages import CONTROL, did_you_mean, shown
 
 __all__ = ["LARGEST", "arguments", "build", "convert", "plain", "quantity", "whole"]
 
@@ -81,10 +80,10 @@ def build(
     for key, value in data.items():
         if key not in fields:
             name = shown(key).strip("'")
-            close = difflib.get_close_matches(name, fields, 1)
-            hint = f"did you mean {close[0]!r}? " if close else ""
             path = f"{where}.{name}" if where else name
-            raise ValueError(f"unknown key {path!r}; {hint}allowed: {_listed(sorted(fields))}")
+            raise ValueError(
+                f"unknown key {path!r}; {did_you_mean(name, fields)}allowed: {_listed(sorted(fields))}"
+            )
         path = f"{where}.{key}" if where else key
         convert_field = (special or {}).get(key)
         values[key] = convert_field(value, path) if convert_field else convert(hints.get(key), value, path)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import reprlib
+from collections.abc import Iterable
 from typing import Any
 
-__all__ = ["CONTROL", "InputError", "check_range", "shown"]
+__all__ = ["CONTROL", "InputError", "check_range", "did_you_mean", "shown"]
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
@@ -28,6 +30,12 @@ def shown(value: Any) -> str:
         text = f"a {type(value).__name__} too long to show"
     text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+def did_you_mean(name: Any, known: Iterable[str]) -> str:
+    """A sentence with the known name that is nearest, and a space behind it; empty if none is near."""
+    close = difflib.get_close_matches(shown(name).strip("'"), known, 1)
+    return f"did you mean {close[0]!r}? " if close else ""
 
 
 def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:

@@ -473,7 +473,7 @@ class Block:
         fluctuation = signal.detrend(excess, axis=0).std(axis=0, ddof=2)
         over = np.maximum(here, mirrored).mean(axis=0)
         # standard deviation of one frame's excess for a constant line in noise
-        noise = np.sqrt(over * level + 0.5 * level**2)
+        noise = np.sqrt(np.maximum(over, 0.0) * level + 0.5 * level**2)  # interpolation may fall below zero
         fluctuates = fluctuation > np.maximum(_FLUCTUATION_SIGMAS * noise, _FLUCTUATION_SHARE * peak)
         one_sided = excess.mean(
             axis=0

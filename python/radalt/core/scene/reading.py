@@ -14,8 +14,8 @@ from ..interference.effects import KEYS as EFFECTS
 from ..interference.effects import impaired, parts
 from ..interference.emitters import NamedEmitter, emitter_class, emitter_names
 from ..interference.placement import Interferer
-from ..parsing import InputError, build, convert, load_yaml, plain, shown
-from ..paths import scene_path
+from ..parsing import InputError, build, convert, did_you_mean, load_yaml, plain, shown
+from ..paths import scene_names, scene_path
 from ..receiver.altimeter_settings import pfa_is_per_frame
 from ..text import one_line
 from .scene import Scene
@@ -48,7 +48,8 @@ def load_scene(name: str | Path) -> Scene:
     """
     try:
         path = scene_path(name)
-        data = load_yaml(path, what="scene", remedy="give a YAML file or a shipped scene's name")
+        near = did_you_mean(name, scene_names())
+        data = load_yaml(path, what="scene", remedy=f"{near}give a YAML file or a shipped scene's name")
     except (OSError, ValueError) as error:  # InputError, a NUL or thousands of letters in the name
         if isinstance(error, InputError):
             raise SceneError(str(error)) from None

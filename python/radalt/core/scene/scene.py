@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..channel.settings import ChannelSettings
 from ..interference.placement import Interferer
-from ..parsing import shown
+from ..parsing import did_you_mean, shown
 from ..receiver.altimeter import AltimeterSettings
 from ..receiver.leakage import FITTED_ABOVE_M
 from ..receiver.leakage_file import UNCALIBRATED
@@ -105,7 +105,9 @@ class Scene:
                 f"{_MOST_SAMPLES} samples"
             )
         if not w.separates_doppler:
-            raise ValueError(f"waveform.shape is {w.shape!r}; a scene plays a triangle")
+            raise ValueError(
+                f"waveform.shape is {w.shape!r}; a scene plays a triangle, `radalt tolerance` a sawtooth, too"
+            )
 
     def _check_leakage(self) -> None:
         """Leakage needs true delays: a beat shift moves it with the return, and 0 m is the return of the preamble."""
@@ -135,7 +137,8 @@ class Scene:
         for key in ("methods", "method_options"):
             unknown = [m for m in getattr(self, key) if m not in known]
             if unknown:
-                raise ValueError(f"{key} names {shown(unknown[0])}; allowed: {', '.join(known)}")
+                near = did_you_mean(unknown[0], known)
+                raise ValueError(f"{key} names {shown(unknown[0])}; {near}allowed: {', '.join(known)}")
 
         for name, options in self.method_options.items():
             if options is not None and not isinstance(options, dict):

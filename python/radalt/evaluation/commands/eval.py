@@ -55,7 +55,8 @@ def _parser() -> Parser:
         "--model",
         action="append",
         metavar="[NAME=]FILE.onnx",
-        help="a network as a row NAME; without NAME= it replaces the network of the method tcae; repeatable",
+        help="a network as a row NAME; without NAME= it replaces the network of the method tcae; a network in two "
+        "files is ENCODER.onnx+DECODER.onnx; repeatable",
     )
     add(
         "--method-file",
@@ -141,6 +142,7 @@ def _names(text: str) -> list[str]:
 
 def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
     """Method options by --model and --method-file; raises SceneError."""
+    from ...core.mitigation.onnx_network import network_files
     from ...core.scene import SceneError
 
     out: dict[str, dict[str, str]] = {}
@@ -152,14 +154,14 @@ def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
             name, _, file = text.rpartition("=") if not Path(text).exists() else ("", "", text)
             name, own = name or kind, {} if not name else {"method": kind}
             try:
-                found = path(file)
+                found = "+".join(str(path(str(part)).resolve()) for part in network_files(path(file)))
             except argparse.ArgumentTypeError as error:
                 raise SceneError(f"{option} {text[:60]!r}: {error}") from None
             if name in out:
                 raise SceneError(
                     f"{option} {text[:60]!r}: {name} is there already; give each a name, NAME=FILE"
                 )
-            out[name] = {**own, key: str(found.resolve())}
+            out[name] = {**own, key: found}
     return out
 
 

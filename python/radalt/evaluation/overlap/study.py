@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...core.mitigation import CUSTOM, METHODS, MitigationError, create
+from ...core.mitigation.onnx_network import network_files
 from ...core.mitigation.tcae import default_model_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
 from ..engine.study import Point, Run, Study
@@ -32,6 +33,7 @@ __all__ = [
     "describe_rows",
     "method_files",
     "rows_of",
+    "with_method_files",
 ]
 
 DWELL_FRAMES = 400  # least frames at each altitude of a tracked flight: ten outputs
@@ -84,13 +86,28 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 def method_files(scene: Scene) -> dict[str, Path]:
-    """Models and method files of a scene's methods, by method and option."""
+    """Models and method files of a scene's methods, by method and option; a network's decoder as ``model+``."""
     out = {}
     for method in scene.methods:
         options = scene.method_options.get(method) or {}
-        out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
+        for key in ("model", "file"):
+            found = network_files(options[key]) if options.get(key) else ()
+            out |= {f"{method} {key}{k * '+'}": path for k, path in enumerate(found)}
         if method == "tcae" and not options.get("model"):
             out["tcae model"] = default_model_path(scene.waveform)
+    return out
+
+
+def with_method_files(
+    given: Mapping[str, Mapping[str, Any] | None], files: Mapping[str, Path]
+) -> dict[str, dict[str, Any]]:
+    """Method options with the files of `method_files` at other paths."""
+    out = {name: dict(options or {}) for name, options in given.items()}
+    for name, path in files.items():
+        method, key = name.split(" ", 1)
+        options = out.setdefault(method, {})
+        decoder = key.endswith("+")  # follows its encoder
+        options[key.rstrip("+")] = f"{options['model']}+{path}" if decoder else str(path)
     return out
 
 
@@ -301,11 +318,8 @@ class OverlapStudy(Study):
 
     def with_files(self, files: Mapping[str, Path]) -> OverlapStudy:
         """See `Study`."""
-        options = {name: dict(given or {}) for name, given in self.scene.method_options.items()}
-        for name, path in files.items():
-            method, key = name.split(" ", 1)
-            if method != "flowgraph":
-                options.setdefault(method, {})[key] = str(path)
+        own = {name: path for name, path in files.items() if not name.startswith("flowgraph ")}
+        options = with_method_files(self.scene.method_options, own)
         prepared = tuple(
             (name, dataclasses.replace(one, module=files[f"flowgraph {name}"])) for name, one in self.prepared
         )

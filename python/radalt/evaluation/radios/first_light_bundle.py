@@ -14,7 +14,7 @@ from pathlib import Path
 from ...core.parsing import InputError
 from ...core.scene import scene_to_mapping
 from ...core.text import one_line
-from ..results.folder import RunFolder, versions
+from ..results.folder import RunFolder, replace_file, versions
 from ..results.page import write_pages
 from ..results.table import table
 from .first_light import STEPS, Bench, Check
@@ -88,8 +88,8 @@ def write_bundle(
     page = {"title": title, "verdict": verdict_of(checks), "steps": STEPS, "out": out, "run": _RUN}
     page["parts"] = {name: _table([c for c in checks if c.step == name]) for name in STEPS}
     write_pages(folder, here / "first_light.md.j2", page)
-    bundle = bundle_of(folder.path)
-    with zipfile.ZipFile(bundle, "w", zipfile.ZIP_DEFLATED) as archive:
+    bundle, packed = bundle_of(folder.path), io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(folder.path.rglob("*")):
             name = file.relative_to(folder.path).as_posix()
             if file.is_dir() or not _NAME.fullmatch(name) or file.stem in out:
@@ -99,9 +99,9 @@ def write_bundle(
                 pattern = rf"(?<![0-9A-Za-z]){serial}(?![0-9A-Za-z])".encode()
                 content = re.sub(pattern, f"SERIAL{k}".encode(), content)
             archive.writestr(name, content)
-    if bundle.stat().st_size > MOST_BYTES:
-        bundle.unlink()
+    if packed.tell() > MOST_BYTES:
         raise BundleError(f"{bundle}: larger than {MOST_BYTES >> 20} MB; repeat with fewer --frames")
+    replace_file(bundle, packed.getvalue())
     return bundle
 
 

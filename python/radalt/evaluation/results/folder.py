@@ -28,6 +28,7 @@ __all__ = [
     "flatten",
     "plain_json",
     "read_report",
+    "replace_file",
     "versions",
     "write_json",
     "writing",
@@ -89,7 +90,8 @@ def plain_json(value: Any) -> Any:
 
 def write_json(path: Path, content: Any) -> None:
     """Replace a JSON file atomically: readers find the old or the new content."""
-    _replace(path, json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n")
+    text = json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n"
+    replace_file(path, text.encode())
 
 
 @contextlib.contextmanager
@@ -102,12 +104,13 @@ def writing(path: Path) -> Iterator[None]:
         raise
 
 
-def _replace(path: Path, text: str) -> None:
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file atomically: where the disk is full, the old one stays, or none."""
     # created exclusively under a random name, so that no link is followed; with the permissions of any new file
     descriptor, fresh = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY)
     try:
-        with writing(path), open(descriptor, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
+        with writing(path), open(descriptor, "wb") as file:
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         umask = os.umask(0o077)
@@ -279,7 +282,7 @@ class RunFolder:
                 self.done[entry["point"]] = entry["rows"]
                 kept.append(line)
         if self.rejected:
-            _replace(journal, "".join(kept))
+            replace_file(journal, "".join(kept).encode())
 
     def add(self, point: str, rows: Sequence[dict[str, Any]]) -> None:
         """Append the rows of a point to the journal; they are on disk when it returns."""
@@ -296,7 +299,7 @@ class RunFolder:
         """Write a file of the folder atomically."""
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        _replace(path, text)
+        replace_file(path, text.encode())
         return path
 
     def write_report(self, report: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ...evaluation.engine.study import Study
-from ...evaluation.overlap.study import check_methods, method_files
+from ...evaluation.overlap.study import check_methods, method_files, with_method_files
 from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
 from .points import TABLES, LandingPoint, point_rows, seconds, study_points
@@ -79,11 +79,8 @@ class LandingStudy(Study):
     def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
         """See `Study`."""
         config, at = self.config, {name: str(Path(path).absolute()) for name, path in files.items()}
-        options = {name: dict(given) for name, given in config.method_options.items()}
-        for name, path in at.items():
-            method, _, key = name.partition(" ")
-            if method not in _LANDING:
-                options.setdefault(method, {})[key] = path
+        own = {name: Path(path) for name, path in at.items() if name.split()[0] not in _LANDING}
+        options = with_method_files(config.method_options, own)
         terrain = tuple(at[f"terrain {k}"] for k in range(len(config.terrain.files)))
         changed = dataclasses.replace(
             config,
