@@ -204,6 +204,18 @@ def test_an_altitude_that_contradicts_its_prediction_is_not_given_until_the_next
     assert given == [False, True]
 
 
+@pytest.mark.parametrize(("cell", "power", "given"), [(240, 0.0, True), (240, 9.0, False), (115, 9.0, False)])
+def test_no_altitude_is_given_beside_a_return_nearly_as_strong_far_above_or_below(cell, power, given):
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(11):
+        ratio = showing(parts, 150, 150, 60 + k).block.ratio
+        ratio[:, :, cell - 1 : cell + 2] += power * np.array([0.5, 1.0, 0.5], dtype=np.float32)
+        scan = scan_of(parts, ratio, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    assert parts.integrity.undisputed(track, scan, found) is given
+
+
 @pytest.mark.parametrize("missed, resolved, given", [(1, True, True), (2, True, False), (1, False, False)])
 def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, resolved, given):
     """The next block shows too little to start a track; after two poor ones that is no proof."""
