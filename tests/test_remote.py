@@ -70,7 +70,14 @@ def test_an_endpoint_that_other_machines_reach_needs_a_second_flag(endpoint):
 def test_an_endpoint_of_this_machine_needs_none_and_what_is_no_endpoint_is_named():
     for good in ("", "tcp://127.0.0.1:6557", "tcp://localhost:6557", "ipc://telemetry.sock", "tcp://[::1]:7"):
         check_endpoint("control", good, network=False)
-    for bad in ("6557", "udp://127.0.0.1:1", "tcp://127.0.0.1", "tcp://127.0.0.1:1/x", "ipc://" + "x" * 999):
+    for bad in (
+        "6557",
+        "udp://127.0.0.1:1",
+        "tcp://127.0.0.1",
+        "tcp://127.0.0.1:1/x",
+        "ipc://" + "x" * 999,
+        "ipc://a\0b",
+    ):
         with pytest.raises(ValueError, match="expected tcp://ADDRESS:PORT"):
             check_endpoint("control", bad, network=True)
     for port in (70000, 0):
@@ -261,6 +268,12 @@ def test_a_file_is_never_replaced_and_a_path_has_one_owner(bench, tmp_path):
     with pytest.raises(ValueError, match="in use by another program"):
         radalt.remote_control(bench.top, parse_scene({}), "", f"ipc://{bench.address()}")
     assert "has not started" in bench.ask(b'{"version": 1, "command": "get"}')["error"]  # the first goes on
+    with socket.socket(socket.AF_UNIX) as busy, socket.socket(socket.AF_UNIX) as waiting:
+        busy.bind(f"{tmp_path}/busy")
+        busy.listen(0)
+        waiting.connect(f"{tmp_path}/busy")  # its queue is full: nobody else gets an answer
+        with pytest.raises(ValueError, match="in use by another program"):
+            radalt.remote_control(bench.top, parse_scene({}), "", f"ipc://{tmp_path}/busy")
     dead = socket.socket(socket.AF_UNIX)
     dead.bind(f"{tmp_path}/dead")
     dead.close()

@@ -14,6 +14,7 @@ from radalt.core.mitigation import CUSTOM
 from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
+from radalt.evaluation.overlap.figures import draw_pd
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import PoolError, collect, pool_runs, read_run
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
@@ -245,6 +246,13 @@ def test_a_method_looks_the_same_whatever_else_is_drawn():
     assert series_style("tcae", ["tcae"]) == series_style("tcae", ["none", "mine", "tcae"])
 
 
+def test_the_axis_of_one_overlap_says_that_overlap(tmp_path):
+    figure = draw_pd(
+        [row for row in rows_of(scene_of()) if row["overlap"] == 1], tmp_path / "x.png", title="one"
+    )
+    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["1"]
+
+
 # -- pooling ------------------------------------------------------------------------------------------------------
 
 
@@ -258,6 +266,14 @@ def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_pa
         assert (row["pd_low"], row["pd_high"]) == pytest.approx(wilson_interval(row["correct"], 300))
         assert row["rmse_detected_m"] == pytest.approx(single["rmse_detected_m"])
     assert (tmp_path / "all" / "pd_vs_overlap.png").stat().st_size > 10_000
+
+
+def test_runs_that_swept_the_sir_alone_are_drawn_against_it(tmp_path, undrawn):
+    swept = SweepSpec(overlap=(1.0,), sir_db=(-10.0, -20.0, -28.0))
+    page, _ = collect([finished(tmp_path / "a", scene_of(sweep=swept))], tmp_path / "all")
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("# Pd against SIR, 1 run\n") and "pd_vs_sir.png" in text
+    assert "pd_vs_overlap" not in text
 
 
 def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):

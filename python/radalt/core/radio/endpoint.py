@@ -27,7 +27,7 @@ __all__ = ["BoundedListener", "check_endpoint"]
 CONNECTIONS = 16  # most connections, four descriptors each; one more closes the one idle for longest
 CHUNK_BYTES = 65_536  # bytes per read from a connection: the default size of a pipe
 _DELIVERY_S = 0.5  # s, for what was sent before the end, to a peer that takes it
-_ENDPOINT = re.compile(r"ipc://(?P<path>.+)|inproc://.+|tcp://(?P<host>[^\s/]+):(?P<port>\d{1,5}|\*)")
+_ENDPOINT = re.compile(r"ipc://(?P<path>[^\0\n]+)|inproc://.+|tcp://(?P<host>[^\s/]+):(?P<port>\d{1,5}|\*)")
 _LOOPBACK = re.compile(r"127(\.\d{1,3}){3}|localhost|\[::1\]")
 _PONG_BYTES = 32  # longest write that is no reply, bytes: ZMTP answers a heartbeat with at most 25 (RFC 37)
 _PATH_BYTES = 100  # longest path of a Unix socket, bytes: Linux allows 107
@@ -182,7 +182,9 @@ class BoundedListener:
             socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe,
             contextlib.suppress(ConnectionRefusedError),
         ):
-            probe.connect(path)
+            probe.setblocking(False)  # a program whose queue is full answers nobody, and lives
+            with contextlib.suppress(BlockingIOError):
+                probe.connect(path)
             raise ValueError(
                 f"{self._name} endpoint {shown(self._endpoint)} is in use by another program; name another"
             )

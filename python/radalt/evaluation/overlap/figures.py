@@ -191,6 +191,9 @@ def _draw(
             tips = _tips(of, name, against, words)
             _plot(axis, x, *curve(of), k, series_style(name, series), tips)
         axis.set_title(heading, fontsize=10)
+    values = {row[against] for row in rows}
+    if len(values) == 1:
+        axes[0].set_xticks(list(values))  # of all panels; numbers between would be those of the shifts
     return _finish(figure, axes, path, title, label)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..results.table import DASH
 
-__all__ = ["panels", "series_of", "spread", "with_interference"]
+__all__ = ["panels", "series_of", "spread", "swept_axes", "with_interference"]
 
 Row = dict[str, Any]
 
@@ -45,6 +45,20 @@ def series_of(rows: Iterable[Row]) -> dict[str, list[Row]]:
     for row in rows:
         out.setdefault(row.get("series", row["method"]), []).append(row)
     return out
+
+
+def swept_axes(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """(column, word in file names) of the horizontal axes of rows with trials: overlap, and SIR from three SIRs on.
+
+    An axis with a single value is left out if the other one has several; the swept one comes first.
+    """
+    overlaps, sirs = {r["overlap"] for r in rows}, {r["sir_db"] for r in rows if r["overlap"] > 0} - {None}
+    by_overlap, by_sir = ("overlap", "overlap"), ("sir_db", "sir")
+    if len(overlaps) < 2 and len(sirs) > 1:
+        return [by_sir]
+    if len(sirs) < 3:
+        return [by_overlap]
+    return [by_sir, by_overlap] if len(overlaps - {0.0}) < 2 else [by_overlap, by_sir]
 
 
 def with_interference(rows: Sequence[Row]) -> list[Row]:

@@ -18,7 +18,7 @@ from ..results.score import pool
 from ..results.table import table
 from .figures import draw_pd
 from .markdown import every_row, glance, pd_tables
-from .panels import Row
+from .panels import Row, swept_axes
 from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
 
@@ -190,9 +190,12 @@ def _write(folder: RunFolder, runs: Sequence[Run], rows: list[Row], notes: list[
         "runs": [{"folder": run.folder} | {key: run.report[key] for key in _ABOUT} for run in runs],
         "rows": rows,
     }
-    draw_pd(rows, folder.path / "pd_vs_overlap.png", title=f"{title} ({len(runs)} runs)")
+    axes = swept_axes([row for row in rows if row["trials"]])
+    counted = f"{title} ({len(runs)} run{'s' * (len(runs) > 1)})"
+    for against, name in axes:
+        draw_pd(rows, folder.path / f"pd_vs_{name}.png", title=counted, against=against)
     folder.write_text("rows.csv", POOLED_COLUMNS.csv(rows))
-    page = write_page(folder, _markdown(report), {}, more=every_row(rows))
+    page = write_page(folder, _markdown(report, axes), {}, more=every_row(rows))
     folder.write_report(report)
     return page
 
@@ -200,7 +203,7 @@ def _write(folder: RunFolder, runs: Sequence[Run], rows: list[Row], notes: list[
 _ABOUT = ("name", "source", "seed", "created", "versions", "methods", "trials_per_point")
 
 
-def _markdown(report: dict[str, Any]) -> str:
+def _markdown(report: dict[str, Any], axes: Sequence[tuple[str, str]]) -> str:
     lines = [
         [
             *(r["folder"], r["source"], r["seed"], r["trials_per_point"], r["created"]),
@@ -212,4 +215,6 @@ def _markdown(report: dict[str, Any]) -> str:
     placeholder = any(m.get("placeholder") for run in report["runs"] for m in run["methods"].values())
     rows = report["rows"]
     tables = {"pd_tables": pd_tables(rows), "run_table": table(header, lines), "hazard_table": glance(rows)}
-    return render(Path(__file__).with_name("collected.md.j2"), **report, **tables, placeholder=placeholder)
+    return render(
+        Path(__file__).with_name("collected.md.j2"), **report, **tables, placeholder=placeholder, axes=axes
+    )

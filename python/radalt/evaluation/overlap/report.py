@@ -20,7 +20,7 @@ from ..results.page import write_page
 from .altitudes import with_intervals
 from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
 from .markdown import every_row, report_markdown
-from .panels import Row, with_interference
+from .panels import Row, swept_axes, with_interference
 
 if TYPE_CHECKING:
     from .study import OverlapStudy
@@ -66,15 +66,12 @@ def write_report(
 
 
 def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
-    """Draw against overlap, and against SIR with at least three SIRs; returns (file, caption).
-
-    An axis with a single value is not drawn if the other one has several; the swept one comes first.
-    """
+    """Draw against what was swept (`swept_axes`); returns (file, caption)."""
     rows, title = [row for row in report["rows"] if row["trials"]], report["title"]
     ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none" and c["trials"]), default=None)
     bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
     figures = []
-    for against, name in _axes(rows, bool(report["break_points"])):
+    for against, name in swept_axes(rows):
         pd, error, wrong = (f"{what}_vs_{name}.png" for what in ("pd", "rmse", "wrong"))
         draw_pd(rows, path / pd, title=title, ceiling=ceiling, against=against)
         draw_error(rows, path / error, title=title, bounds_m=bounds, against=against)
@@ -85,17 +82,6 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
             (wrong, f"Rate of wrong altitudes that were called valid against {_NAMES[against]}"),
         ]
     return figures
-
-
-def _axes(rows: Sequence[Row], broken: bool) -> list[tuple[str, str]]:
-    """(column, word in file names) of the horizontal axes."""
-    overlaps, sirs = {r["overlap"] for r in rows}, {r["sir_db"] for r in rows if r["overlap"] > 0}
-    by_overlap, by_sir = ("overlap", "overlap"), ("sir_db", "sir")
-    if len(overlaps) < 2 and len(sirs) > 1:
-        return [by_sir]
-    if len(overlaps - {0.0}) < 2 and broken:
-        return [by_sir, by_overlap] if len(overlaps) > 1 else [by_sir]
-    return [by_overlap, by_sir] if broken else [by_overlap]
 
 
 def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tuple[str, str]]:
