@@ -358,8 +358,11 @@ def edit(path, **changes):
         ({"name": "a\nb | c"}, "name is"),
         ({"created": "\x1b[2J"}, "created is"),
         ({"versions": {"radalt": "<b>"}}, "versions holds 'radalt': '<b>'"),
+        ({"title": "[a](javascript:alert(1))"}, "title is"),
+        ({"trials_per_point": "<b>"}, "trials_per_point is"),
+        ({"rows": []}, "no row with a trial"),
     ],
-    ids=["surrogate", "2 MB", "markup", "newline", "escape", "version"],
+    ids=["surrogate", "2 MB", "markup", "newline", "escape", "version", "link", "range", "no row"],
 )
 def test_a_strangers_text_that_no_page_can_show_is_refused(tmp_path, changes, message):
     with pytest.raises(PoolError, match=message) as caught:
