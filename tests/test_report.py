@@ -274,6 +274,8 @@ def test_runs_that_swept_the_sir_alone_are_drawn_against_it(tmp_path, undrawn):
     text = page.read_text(encoding="utf-8")
     assert text.startswith("# Pd against SIR, 1 run\n") and "pd_vs_sir.png" in text
     assert "pd_vs_overlap" not in text
+    collect([finished(tmp_path / "b", scene_of())], tmp_path / "all")
+    assert [f.name for f in (tmp_path / "all").glob("pd_vs_*.png")] == ["pd_vs_overlap.png"]
 
 
 def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
