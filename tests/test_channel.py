@@ -9,6 +9,7 @@ from test_fading import band_limited as frames_of_band
 from radalt.core.channel.delay_line import MOST_BLOCKS, DelayLine
 from radalt.core.channel.settings import ChannelSettings, DropSettings
 from radalt.core.channel.simulated import SimulatedChannel
+from radalt.core.interference.multipath import FadingChannel
 from radalt.core.programme import Programme
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -309,7 +310,7 @@ PROGRAMME = Programme((500.0, 100.0), frames_per_step=3)
 
 def test_a_delay_line_that_expects_repeats_gives_what_any_other_gives():
     n, rng = 500, np.random.default_rng(7)
-    expecting, other = DelayLine(n, 900.0, repeats=True), DelayLine(n, 900.0)
+    expecting, other = DelayLine(n, 899.75, repeats=True), DelayLine(n, 899.75)
     sweeps = rng.standard_normal((3, 2 * n)).astype(np.float32).view(np.complex64)
     # long runs of one sweep, in which nothing is moved any more, and changes within and between the pushes
     stream = [0] * 40 + [1] * 3 + [0] * 30 + [2] * 25 + [0, 1, 2] * 4 + [1] * 40
@@ -334,8 +335,9 @@ def test_a_delay_line_that_expects_repeats_gives_what_any_other_gives():
         (ChannelSettings(drops=DropSettings(3, 100, 9_000)), {}),
         (ChannelSettings(jammer_clock_ppm=20.0, jammer_lo_offset_hz=1e3), {}),
         (ChannelSettings(leakage_db=-6.0), {"true_delay": PROGRAMME}),
+        (ChannelSettings(return_multipath=FadingChannel(profile="ETU")), {}),
     ],
-    ids=["latency with a fraction", "whole latency", "gaps", "another clock", "true delay"],
+    ids=["latency with a fraction", "whole latency", "gaps", "another clock", "true delay", "multipath"],
 )
 @pytest.mark.parametrize("heard", [True, False], ids=["jammer", "no jammer"])
 def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(settings, more, heard, sweep_s):

@@ -175,7 +175,7 @@ def _hazardous_outputs(rows):
 def _what_guarding_costs(rows):
     """Availability after the start, without mitigation and behind tcae."""
     at = {
-        (r["kind"], r["method"]): f"{float(r['after_start']):.2f}"[1:]
+        (r["kind"], r["method"]): f"{float(r['after_start']):.2f}".removeprefix("0")
         for r in rows
         if r["known_limit"] == "0"
     }
@@ -233,7 +233,7 @@ def _what_guarding_costs(rows):
         ),
         (
             ("docs/tracker.md",),
-            "costs availability.*?" + r"\| (\.\d+) \| (\.\d+) \|.*?" * 5,
+            "costs availability.*?" + r"\| ([\d.]+) \| ([\d.]+) \|.*?" * 5,
             "integrity_kinds",
             _what_guarding_costs,
         ),

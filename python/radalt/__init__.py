@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     methods: Names
     scenes: Names
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _FOLDER = Path("lib/gr-radalt/lib", "python{}.{}".format(*sys.version_info), "site-packages")
 for _prefix in Path(__file__).resolve().parents:

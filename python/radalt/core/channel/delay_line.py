@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from scipy import fft
 
@@ -44,11 +46,10 @@ class DelayLine:
         self._hop = -(-block // self._parts)
         # parts of equal length overlap by more than the kernel needs; samples before the first one in use
         self._early = self._parts * self._hop - block + self._size - _TAIL - self._hop
-        self._history = int(np.ceil(max_delay)) + _TAIL + 2 + self._early
+        self._history = int(np.ceil(max_delay)) + HALF_TAPS + self._early
         # spare blocks, so that the history is not copied with every push
         self._store = np.zeros(self._history + (1 + _SPARE_BLOCKS) * block, dtype=np.complex64)
         self._end = self._history + block
-        self._kernels: dict[float, np.ndarray] = {}
         self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
         self._alike = 0  # number of equal blocks at the end of the store
         self._settled: dict[float, np.ndarray] = {}  # output by delay while all blocks in reach are equal
@@ -139,7 +140,7 @@ class DelayLine:
         start = first - HALF_TAPS - self._early
         parts = self._view(start, (blocks, self._parts, self._size), (self._block, self._hop, 1))
         spectrum = fft.fft(parts, axis=-1)
-        spectrum *= self._kernel(fraction)
+        spectrum *= _kernel(fraction, self._size)
         whole = fft.ifft(spectrum, axis=-1, overwrite_x=True)[..., self._size - self._hop :]
         return whole.reshape(blocks, -1)[:, self._parts * self._hop - self._block :]
 
@@ -149,18 +150,14 @@ class DelayLine:
         strides = tuple(item * stride for stride in strides)
         return np.ndarray(shape, self._store.dtype, self._store, first * item, strides)
 
-    def _kernel(self, fraction: float) -> np.ndarray:
-        if fraction not in self._kernels:
-            if len(self._kernels) > _KERNELS:
-                self._kernels.clear()
-            n = np.arange(_TAIL + 1) - HALF_TAPS
-            taps = np.sinc(n - fraction) * np.interp(
-                n - fraction,
-                np.linspace(-HALF_TAPS - 1, HALF_TAPS + 1, 4097),
-                kaiser_window(4097, 5.0),
-            )
-            self._kernels[fraction] = fft.fft(taps / taps.sum(), self._size).astype(np.complex64)
-        return self._kernels[fraction]
+
+@functools.lru_cache(maxsize=_KERNELS)
+def _kernel(fraction: float, size: int) -> np.ndarray:
+    """(size,) transform of a sinc that is delayed by ``fraction``, in a Kaiser window."""
+    at = np.arange(_TAIL + 1) - HALF_TAPS - fraction
+    window = np.interp(at, np.linspace(-HALF_TAPS - 1, HALF_TAPS + 1, 4097), kaiser_window(4097, 5.0))
+    taps = np.sinc(at) * window
+    return fft.fft(taps / taps.sum(), size).astype(np.complex64)
 
 
 def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:

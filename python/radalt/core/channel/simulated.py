@@ -68,14 +68,15 @@ class SimulatedChannel:
         self.latency_samples = drawn if wanted is None else float(wanted)
         top_s = 0.0
         if true_delay is not None:
-            top_s = float(altitude_to_delay_s(max(true_delay.altitudes_m) + 200.0))
+            farthest_m = max(*true_delay.altitudes_m, settings.leakage_m, settings.gear_m)
+            top_s = float(altitude_to_delay_s(farthest_m))
             if self.latency_samples < HALF_TAPS:
                 raise ValueError(
                     f"true delays need channel.start_offset_samples of at least {HALF_TAPS}, or none"
                 )
         if settings.return_multipath is not None:
             top_s += float(settings.return_multipath.delays_s.max())
-        self._radar = DelayLine(n, self.latency_samples + top_s * waveform.rate_hz + 2 * n, repeats=True)
+        self._radar = DelayLine(n, self.latency_samples + top_s * waveform.rate_hz, repeats=True)
         self._jammer_base = self.latency_samples + settings.jammer_delay_samples
         fractional = settings.jammer_clock_ppm or self._jammer_base != int(self._jammer_base)
         if fractional and self._jammer_base < HALF_TAPS:
@@ -86,7 +87,7 @@ class SimulatedChannel:
             )
         if settings.jammer_clock_ppm > 0:  # a fast jammer clock eats into the delay
             self._jammer_base += n
-        self._jammer = DelayLine(n, self._jammer_base + n + 2)
+        self._jammer = DelayLine(n, self._jammer_base + n)
         self._noise = ReceiverNoise(n, [seed, 0x401])
         self._gaps = self._draw_gaps(frames)
         self._gains = self._draw_multipath(frames)

@@ -1,7 +1,7 @@
 """Can the altitude be trusted: tracked outputs of every method over interference, faults and deception.
 
     .venv/bin/python flowgraphs/integrity.py  # one flight of 2 s through each case, into results/integrity
-    .venv/bin/python flowgraphs/integrity.py --frames=2160 --resume --publish docs  # 101,304 outputs inside the claim
+    .venv/bin/python flowgraphs/integrity.py --frames=1600 --resume --publish docs  # 75,040 outputs inside the claim
     .venv/bin/python flowgraphs/integrity.py --replay jammed/nr5/1/-40dB/snr10:1:0  # one flight, output by output
 
 Exits with 1 if an output was hazardous inside the claim: in no case at a limit that docs/tracker.md states.
