@@ -44,7 +44,11 @@ def main() -> int:
     if len(sys.argv) not in (2, 3):
         print("usage: own_samples.py FILE [ALTITUDE_OF_THE_FIRST_SWEEPS_M]", file=sys.stderr)
         return 2
-    top = OwnSamples(sys.argv[1], float(sys.argv[2]) if len(sys.argv) == 3 else 0.0)
+    try:
+        top = OwnSamples(sys.argv[1], float(sys.argv[2]) if len(sys.argv) == 3 else 0.0)
+    except (RuntimeError, ValueError) as error:  # no such file, an empty one, or no altitude
+        print(f"own_samples: {' '.join(sys.argv[1:])}: {error}", file=sys.stderr)
+        return 2
     top.run()
     results = top.altimeter.results()
     altitude_m = results["altitude_m"][results["valid"]]

@@ -10,6 +10,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import ota_eval
 import pytest
 from waiting import ran, ran_python
 
@@ -255,3 +256,9 @@ def test_help_of_a_tool_acts_on_nothing(tool, tmp_path, monkeypatch, capfd):
 def test_a_command_that_is_nearly_one_is_named(capsys):
     assert main(["evla"]) == 2
     assert capsys.readouterr().err == "radalt: no command 'evla'; did you mean 'eval'?\n"
+
+
+def test_an_option_that_is_nearly_one_is_named(capsys):
+    with pytest.raises(SystemExit):
+        ota_eval.main(["--sim", "--ovrlap=1"])
+    assert "--ovrlap=1; did you mean '--overlap'? --help lists the options" in capsys.readouterr().err

@@ -263,7 +263,9 @@ def test_status_names_who_measures_nothing():
     assert f"Pd (wrong and valid) in the last second: {pd}" in text
     assert "no altitudes: No mitigation</b>" in text and "0.50 of real time" in text
     assert "lost: 7 samples, 0 frames (slow)</b>" in text and "NORMAL  300.0 m ± 2.0 m" in text
-    clock = iter((13.0,))
+    clock = iter((13.0, 14.0))
+    top.method = "none"
+    assert "Chosen, no mitigation:" in status.text()
     top.reacquire = SimpleNamespace(running=True)
     text = status.text()
     assert "NORMAL" not in text and 'color:#a00000">REACQUIRING TIMING: 0 m is sent' in text

@@ -22,6 +22,7 @@ from radalt.core.radio.control import RequestError, parse_request
 from radalt.core.radio.endpoint import check_endpoint
 from radalt.core.scene import parse_scene
 from radalt.evaluation.commands import control as control_client
+from radalt.evaluation.commands.control import descend
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
 from radalt.evaluation.radios.remote import drive_remotely
 
@@ -309,6 +310,13 @@ def test_the_client_outlives_the_telemetry_of_another_program(tmp_path, root):
             other.send(b"{}")
             time.sleep(0.001)
         assert watch.stderr.read() == ""
+
+
+def test_the_client_shows_nothing_that_a_terminal_would_obey(capsys):
+    result = {"type": "result", "truth_m": 9.0, "method": "\x1b[2J"}
+    messages = [result | {"altitude_m": altitude_m} for altitude_m in (9.5, 10**400)]
+    descend(SimpleNamespace(request=lambda *_, **__: {}, messages=lambda _: messages), [9.0], 1.0)
+    assert "?[2J         Pd(5 m) 0.500 of 2 frames" in capsys.readouterr().out
 
 
 def test_a_subscriber_that_never_reads_slows_nothing(loop):

@@ -274,6 +274,8 @@ def test_runs_that_swept_the_sir_alone_are_drawn_against_it(tmp_path, undrawn):
     text = page.read_text(encoding="utf-8")
     assert text.startswith("# Pd against SIR, 1 run\n") and "pd_vs_sir.png" in text
     assert "pd_vs_overlap" not in text
+    collect([finished(tmp_path / "b", scene_of())], tmp_path / "all")
+    assert [f.name for f in (tmp_path / "all").glob("pd_vs_*.png")] == ["pd_vs_overlap.png"]
 
 
 def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
@@ -358,8 +360,11 @@ def edit(path, **changes):
         ({"name": "a\nb | c"}, "name is"),
         ({"created": "\x1b[2J"}, "created is"),
         ({"versions": {"radalt": "<b>"}}, "versions holds 'radalt': '<b>'"),
+        ({"title": "[a](javascript:alert(1))"}, "title is"),
+        ({"trials_per_point": "<b>"}, "trials_per_point is"),
+        ({"rows": []}, "no row with a trial"),
     ],
-    ids=["surrogate", "2 MB", "markup", "newline", "escape", "version"],
+    ids=["surrogate", "2 MB", "markup", "newline", "escape", "version", "link", "range", "no row"],
 )
 def test_a_strangers_text_that_no_page_can_show_is_refused(tmp_path, changes, message):
     with pytest.raises(PoolError, match=message) as caught:

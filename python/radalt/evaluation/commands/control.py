@@ -61,7 +61,7 @@ class Client:
                 )
             reply = _message(socket.recv())
         if not reply.get("ok"):
-            raise ControlError(str(reply.get("error", "the reply is no ota_remote's"))[:300])
+            raise ControlError(reply.get("error", "the reply is no ota_remote's"))
         return reply.get("state", {})
 
     def messages(self, seconds: float) -> Iterator[dict[str, Any]]:
@@ -87,6 +87,11 @@ def _message(text: bytes) -> dict[str, Any]:
     return message
 
 
+def _shown(text: object, most: int) -> str:
+    """A stranger's text on one line of a terminal, without control characters."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split())[:most])
+
+
 def descend(client: Client, altitudes_m: Sequence[float], seconds: float) -> None:
     """Set altitudes in turn and print each method's error."""
     for altitude in altitudes_m:
@@ -94,8 +99,8 @@ def descend(client: Client, altitudes_m: Sequence[float], seconds: float) -> Non
         errors: dict[str, list[float | None]] = {}
         for message in client.messages(seconds):
             if message.get("type") == "result" and message.get("truth_m") == altitude:
-                measured, method = message.get("altitude_m"), str(message.get("method"))[:40]
-                known = isinstance(measured, (int, float))
+                measured, method = message.get("altitude_m"), _shown(message.get("method"), 40)
+                known = isinstance(measured, (int, float)) and abs(measured) < 1e6
                 errors.setdefault(method, []).append(abs(measured - altitude) if known else None)
         for method, values in errors.items():
             good = sum(v is not None and v < 5.0 for v in values)
@@ -162,7 +167,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 changes["methods"] = args.methods.split(",")
             print(json.dumps(client.request(args.command, **changes), indent=1))
     except (ControlError, zmq.ZMQError, UnicodeError) as error:
-        print(f"control_client: {' '.join(str(error).split())[:280]}", file=sys.stderr)
+        print(f"control_client: {_shown(error, 280)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 0

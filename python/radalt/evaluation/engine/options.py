@@ -19,6 +19,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NoReturn
 
+from ...core.parsing.messages import did_you_mean
 from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
@@ -210,7 +211,9 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line, status 2."""
-        complain(self.program, f"{message}; --help lists the options")
+        strange = message.removeprefix("unrecognized arguments: ").split()[0].partition("=")[0]
+        near = did_you_mean(strange, self._option_string_actions) if strange.startswith("--") else ""
+        complain(self.program, f"{message}; {near}--help lists the options")
         sys.exit(2)
 
 

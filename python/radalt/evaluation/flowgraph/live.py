@@ -68,7 +68,7 @@ class StatusLine:
         for name, title in _TITLES.items():
             results, truth_m = getattr(self._top, name).latest(self._second)
             if name == "altimeter_selected":
-                title = f"Chosen, {self._top.method}:"
+                title = f"Chosen, {'no mitigation' if self._top.method == 'none' else self._top.method}:"
             if not (segmenter["locked"] and len(results)):
                 out.append(f"{title} -")
                 continue

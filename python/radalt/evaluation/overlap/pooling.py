@@ -191,6 +191,8 @@ def _write(folder: RunFolder, runs: Sequence[Run], rows: list[Row], notes: list[
         "rows": rows,
     }
     axes = swept_axes([row for row in rows if row["trials"]])
+    for figure in folder.path.glob("pd_vs_*"):  # of an earlier collection, perhaps against another axis
+        figure.unlink()
     counted = f"{title} ({len(runs)} run{'s' * (len(runs) > 1)})"
     for against, name in axes:
         draw_pd(rows, folder.path / f"pd_vs_{name}.png", title=counted, against=against)

@@ -75,6 +75,8 @@ def read_run(folder: str | Path) -> Run:
             raise PoolError(
                 f"{folder}: row {number} of report.json does not hold: {problem}; measure it again"
             )
+    if not any(row["trials"] for row in rows):
+        raise PoolError(f"{folder}: report.json has no row with a trial; measure it again")
     panels = len({(r["interference"], r["snr_db"], r["sir_db"]) for r in rows})
     overlaps = len({r["overlap"] for r in rows})
     for count, most, what in ((panels, _MOST_PANELS, "panels"), (overlaps, _MOST_OVERLAPS, "overlaps")):
@@ -97,8 +99,8 @@ def _malformed(report: dict[str, Any]) -> str:
             return f"{key} is {shown(value)}"
     if len(report["rows"]) > _MOST_ROWS:
         return f"it has {len(report['rows'])} rows, more than {_MOST_ROWS}"
-    for key in ("source", "name", "title", "created"):
-        if not _showable(report[key]):
+    for key in ("source", "name", "title", "created", "trials_per_point"):
+        if not _showable(str(report[key])):
             return f"{key} is {shown(report[key])}"
     for key in ("methods", "versions"):
         for name, value in report[key].items():
@@ -145,6 +147,6 @@ def _fits(name: str, value: Any) -> bool:
 
 
 def _showable(text: Any) -> bool:
-    """Whether a text is short and safe in a page: printable, without markup and table delimiters."""
+    """Whether a text is short and safe in a page: printable, without markup, links and table delimiters."""
     short = isinstance(text, str) and len(text) <= _MOST_TEXT
-    return short and text.isprintable() and not set("<>|") & set(text)
+    return short and text.isprintable() and not set("<>|") & set(text) and "](" not in text

@@ -239,9 +239,8 @@ class RunFolder:
                 write_json(marker, self.head)
                 return
             if not resume:
-                raise FolderError(
-                    f"{self.path} holds a run already; add --resume to complete it, or name another --out"
-                )
+                complete = "" if self._replaces else "add --resume to complete it, or "
+                raise FolderError(f"{self.path} holds a run already; {complete}name another --out")
             self._check(held)
             self._read(holds)
             return
