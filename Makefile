@@ -72,7 +72,9 @@ grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without inst
 flowgraphs: $(VENV)/.runtime ## make the simulated flowgraphs again from ota_b210 and ota_live
 	@$(PYTHON) tools/make_flowgraphs.py
 
-screenshot: $(VENV)/.runtime ## pictures of the live view, docs/live_view*.png, from runs of it
+screenshot: $(VENV)/.runtime ## pictures of the companion and of the live view, docs/*.png, from runs of both
+	@PYTHONPATH="$(CURDIR)/python:$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" GRC_BLOCKS_PATH="$(CURDIR)/grc" \
+	xvfb-run -a $(SYSTEM_PYTHON) tests/companion_probe.py --picture docs/companion.png flowgraphs/bring_your_own.grc >/dev/null
 	@$(PYTHON) tools/screenshot.py $(ARGS)
 	@$(PYTHON) tools/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
 	@$(PYTHON) tools/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)

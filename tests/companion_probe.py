@@ -1,9 +1,9 @@
 """Runs gnuradio-companion itself, has it draw flowgraphs, and prints as JSON what it shows; no test, used by them.
 
-Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run] FLOWGRAPH.grc ...`.
+Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run] [--picture FILE] FLOWGRAPH.grc ...`.
 
 --run executes the first flowgraph as the button does and adds what the companion's console then holds; Python is
-generated beside the flowgraph.
+generated beside the flowgraph. --picture saves the first flowgraph as the companion's Screen Capture does.
 """
 
 import argparse
@@ -100,10 +100,10 @@ def executed(page, window, report: dict) -> bool:
     return False
 
 
-def probe(run: bool) -> bool:
+def probe(run: bool, picture: str) -> bool:
     """Called by the companion's own main loop until its window is on the screen: print, then quit."""
     from gi.repository import GLib, Gtk
-    from gnuradio.grc.gui import Actions
+    from gnuradio.grc.gui import Actions, Utils
 
     window = Gtk.Application.get_default().main_window
     title = window.get_title()
@@ -113,6 +113,7 @@ def probe(run: bool) -> bool:
     for page in window.get_pages():
         window.current_page = page
         report["pages"].append(described(page))
+    Utils.make_screenshot(window.get_pages()[0].flow_graph, picture)
     if not run:
         finish(report)
     window.current_page = window.get_pages()[0]
@@ -124,6 +125,7 @@ def probe(run: bool) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--run", action="store_true")
+    parser.add_argument("--picture", default="")
     parser.add_argument("flowgraphs", nargs="+")
     arguments = parser.parse_args()
     import gi
@@ -131,7 +133,7 @@ def main() -> None:
     gi.require_version("Gtk", "3.0")
     from gi.repository import GLib
 
-    GLib.timeout_add(300, probe, arguments.run)
+    GLib.timeout_add(300, probe, arguments.run, arguments.picture)
     companion = shutil.which("gnuradio-companion")
     sys.argv = [companion, *arguments.flowgraphs]
     runpy.run_path(companion, run_name="__main__")
