@@ -113,7 +113,8 @@ def probe(run: bool, picture: str) -> bool:
     for page in window.get_pages():
         window.current_page = page
         report["pages"].append(described(page))
-    Utils.make_screenshot(window.get_pages()[0].flow_graph, picture)
+    if picture:
+        Utils.make_screenshot(window.get_pages()[0].flow_graph, picture)
     if not run:
         finish(report)
     window.current_page = window.get_pages()[0]
