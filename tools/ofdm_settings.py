@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Sensitivity of `ofdm_cancel` to its settings: each number 0.7 and 1.3 times as large, a few frames per case.
 
-.venv/bin/python tools/ofdm_settings.py --frames 8                      # all settings; some hours
+.venv/bin/python tools/ofdm_settings.py --frames 8                      # all settings; minutes
 .venv/bin/python tools/ofdm_settings.py --frames 8 --settings chance,blank_ratio
 .venv/bin/python tools/ofdm_settings.py --prices                        # prices of the steps beside measured costs
 """

@@ -16,11 +16,11 @@ _FRONT, _REST = "#0072B2", "#777777"  # chains on the Pareto front, and all othe
 # Offset of a name from its point, in points of 1/72 inch, so that neighbours do not cover each other. Other chains are
 # dots without a name: at 400 pixels eight names can be read.
 _NAMES = {
-    "none": (0, -12),
-    "whitening": (-4, 8),
-    "linear_prediction": (0, -12),
+    "none": (-16, 8),
+    "whitening": (-26, 8),
+    "linear_prediction": (-4, -13),
     "blanking": (2, 8),
-    "qpsk_cancel": (6, -23),
+    "qpsk_cancel": (34, -12),
     "ofdm_cancel": (0, -12),
     "tcae tcae": (16, 8),
     "hybrid": (0, -12),
