@@ -83,11 +83,9 @@ def test_every_page_is_in_the_site(root):
 
 def test_a_models_card_says_what_the_published_rows_say(root):
     data, models = root / "docs/data", root / "models"
-    rows = cards.published(data / "tcae_comparison.csv", cards.COLUMNS)
-    sweeps = cards.published(data / "sweeps.csv", cards.SWEEP_COLUMNS)
     for stem in cards.METHOD:
         text = (models / f"{stem}.md").read_text(encoding="utf-8")
-        made = cards.card(stem, models, rows, sweeps, cards.time_of(text))
+        made = cards.card(stem, models, cards.results_of(stem, data), cards.time_of(text))
         assert made == text, "run: PYTHONPATH=python .venv/bin/python training/cards.py"
 
 

@@ -33,7 +33,7 @@ from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.proportion import clopper_pearson_bound
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
-from radalt.evaluation.results.table import DASH, metres, table
+from radalt.evaluation.results.table import DASH, interval, metres, table
 from radalt.evaluation.results.table import number as number_of
 from radalt.studies.landing.config import ApproachSpec, load_config
 from radalt.studies.landing.points import approach_frames, impaired
@@ -57,7 +57,7 @@ COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class TablePoint(Point):
-    """QPSK at a SINR and an overlap (``sinr``), an interferer at a SIR (``sir``), or the landing."""
+    """No interference (``clean``), QPSK at a SINR and an overlap (``sinr``), an interferer at a SIR, or the landing."""
 
     part: str = "sinr"
     interferer: str = "qpsk_rectangular"
@@ -100,7 +100,8 @@ class PaperTables(ChainStudy):
     def points(self) -> list[TablePoint]:
         """Every point, in the order of the report."""
         n, flown = self.trials, self.landing_frames
-        swept = [
+        swept = [TablePoint("clean", n, "rows", "clean", "clean", 0.0)]
+        swept += [
             TablePoint(f"SINR {sinr:g} dB, overlap {rho:g}", n, "rows", overlap=rho, level_db=sinr)
             for sinr in SINRS_DB
             for rho in OVERLAPS
@@ -119,6 +120,8 @@ class PaperTables(ChainStudy):
         """(n, N) frames, (n,) altitudes in metres, and a chain with the altimeter for them."""
         if point.part != "landing":
             scenes = _scenes(self.trials)
+            if point.part == "clean":
+                return scenes.frames, scenes.altitude_m, Chain("none", "none")
             noise = 10.0 ** (-SNR_DB / 10.0) if point.part == "sinr" else 0.0
             sir_db = -10.0 * float(np.log10(10.0 ** (-point.level_db / 10.0) - noise))
             parts = emitters()[point.interferer]
@@ -150,6 +153,7 @@ class PaperTables(ChainStudy):
         """See `Study`."""
         names, found = folder.head["methods"], rows["rows"]
         tables = {
+            "clean_table": _clean(found),
             "sinr_table": _grid(found, "sinr", names, lambda r: metres(r["rmse_forced_m"]), STATED),
             "pd_table": _grid(found, "sinr", names, lambda r: number_of(r["pd"], 2)),
             "ratio_table": _grid(found, "sir", names, lambda r: number_of(r["peak_to_sidelobe_db"], 1)),
@@ -202,6 +206,13 @@ def _grid(
         for (name, overlap, level_db), cells in by_point.items()
     ]
     return table(["interferer", "overlap", level, *names, "authors"], lines) if lines else ""
+
+
+def _clean(rows: Sequence[Row]) -> str:
+    """Pd and errors of every method without interference; empty without rows."""
+    mine = [r for r in rows if r["interferer"] == "clean clean"]
+    lines = [[r["method"], interval(r["pd"], r["pd_low"], r["pd_high"]), _errors(r)] for r in mine]
+    return table(["method", "Pd (95 %)", "RMSE forced / detected / m"], lines) if lines else ""
 
 
 def _landing(rows: Sequence[Row]) -> str:
