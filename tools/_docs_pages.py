@@ -77,3 +77,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
             texts = {file: (docs / f"{file}.md").read_text(encoding="utf-8") for file in files}
             markdown = page_text(title, texts)
     return with_links(markdown, pages)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Let a picture lead to its file, for a small screen."""
+    return re.sub(r'(<img [^>]*src="([^"]*)"[^>]*>)', r'<a href="\2">\1</a>', html)
