@@ -58,8 +58,13 @@ def page_text(title: str, texts: dict[str, str]) -> str:
     (_, lead), *rest = texts.items()
     named = [f"[{text.partition(chr(10))[0].removeprefix('# ')}](#{file})" for file, text in rest]
     lead = re.sub(r"\A# .*", f"# {title}", lead)
-    lead = lead.replace("\n## ", f"\n*Below: {' · '.join(named)}*\n\n## ", 1)
-    return "\n\n---\n\n".join([lead, *(section(file, text) for file, text in rest)])
+    made = lead.replace("\n## ", f"\n*Below: {' · '.join(named)}*\n\n## ", 1)
+    for file, text in rest:
+        for picture in re.findall(r"^!\[.*(\]\(\S+\))$\n", text, re.MULTILINE):
+            if picture in made:  # once per page
+                text = re.sub(rf"^!.*{re.escape(picture)}\n\n", "", text, flags=re.MULTILINE)
+        made += f"\n\n---\n\n{section(file, text)}"
+    return made
 
 
 def on_files(files: Any, config: Any) -> None:
@@ -80,5 +85,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Let a picture lead to its file, for a small screen."""
+    """Let a picture lead to its file, for a small screen, and know cells of numbers."""
+    html = re.sub(r"<td([^>]*)>(?=[\d\s./e:–≤≥+%()-]+</td>)", r'<td\1 class="numbers">', html)
+    html = html.replace("::test_", "::<wbr>test_")  # long names may break there
     return re.sub(r'(<img [^>]*src="([^"]*)"[^>]*>)', r'<a href="\2">\1</a>', html)
