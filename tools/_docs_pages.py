@@ -88,4 +88,5 @@ def on_page_content(html: str, **_: Any) -> str:
     """Let a picture lead to its file, for a small screen, and know cells of numbers."""
     html = re.sub(r"<td([^>]*)>(?=[\d\s./e:–≤≥+%()-]+</td>)", r'<td\1 class="numbers">', html)
     html = html.replace("::test_", "::<wbr>test_")  # long names may break there
+    html = re.sub(r"(?<=\d) (?=%|dB\b)", "\N{NO-BREAK SPACE}", html)
     return re.sub(r'(<img [^>]*src="([^"]*)"[^>]*>)', r'<a href="\2">\1</a>', html)
