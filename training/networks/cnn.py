@@ -7,6 +7,7 @@ Architecture", MILCOM 2024, arXiv:2410.03423.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -16,7 +17,7 @@ from radalt.core.waveform import Waveform
 
 __all__ = ["Convolutional"]
 
-_CACHED = 16  # frames per FFT convolution, whose arrays then stay in the cache
+_CACHED = 2  # frames per FFT convolution, whose arrays then stay in the cache
 
 
 def _fast_length(least: int) -> int:
@@ -30,6 +31,54 @@ def _fast_length(least: int) -> int:
         if rest == 1:
             return length
         length += 1
+
+
+class _OverlapSave(torch.autograd.Function):
+    """Correlation with long taps by overlap-save: y[o, n] = sum over c, k of x[c, n + k - (K - 1) // 2] w[o, c, k].
+
+    The gradients use the spectra of the forward pass, which automatic differentiation would transform again, at twice
+    the length.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, weight: Tensor) -> Tensor:
+        """(B, C, L), (O, C, K) -> (B, O, L)."""
+        (frames, entering, samples), (leaving, _, kernel) = x.shape, weight.shape
+        length = _fast_length(4 * kernel)
+        hop = length - kernel + 1
+        blocks = -(-samples // hop)
+        before = (kernel - 1) // 2
+        padded = functional.pad(x, (before, blocks * hop - samples + kernel - 1 - before))
+        taps = torch.fft.rfft(weight, length).permute(2, 1, 0).conj_physical().contiguous()
+        out = x.new_empty(frames, leaving, blocks, hop)
+        spectra = []
+        for part, made in zip(padded.split(_CACHED), out.split(_CACHED), strict=True):
+            spectrum = torch.fft.rfft(part.unfold(2, length, hop)).permute(3, 0, 2, 1).flatten(1, 2)
+            product = (spectrum @ taps).unflatten(1, (len(part), blocks)).permute(1, 3, 2, 0)
+            made.copy_(torch.fft.irfft(product, length)[..., :hop])
+            spectra.append(spectrum)
+        ctx.save_for_backward(taps, *spectra)
+        ctx.sizes = entering, samples, kernel, length, hop, blocks, before
+        return out.flatten(2)[..., :samples]
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradients of ``x``, by overlap-add, and of ``weight``."""
+        taps, *spectra = ctx.saved_tensors
+        entering, samples, kernel, length, hop, blocks, before = ctx.sizes
+        whole = functional.pad(gradient, (0, blocks * hop - samples)).unflatten(2, (blocks, hop))
+        back = taps.mT.conj_physical().contiguous()
+        added = gradient.new_zeros(len(gradient), entering, (blocks + 1) * hop)
+        of_taps = torch.zeros_like(taps)
+        for part, made, spectrum in zip(whole.split(_CACHED), added.split(_CACHED), spectra, strict=True):
+            other = torch.fft.rfft(part, length).permute(3, 0, 2, 1).flatten(1, 2)
+            of_taps += spectrum.mT @ other.conj_physical()  # a lazy conjugate would be copied slice by slice
+            product = (other @ back).unflatten(1, (len(part), blocks)).permute(1, 3, 2, 0)
+            blocks_of = torch.fft.irfft(product, length)
+            made[..., : blocks * hop].unflatten(2, (blocks, hop)).add_(blocks_of[..., :hop])
+            made[..., hop:].unflatten(2, (blocks, hop))[..., : kernel - 1].add_(blocks_of[..., hop:])
+        of_weight = torch.fft.irfft(of_taps.permute(2, 1, 0), length)[..., :kernel]
+        return added[..., before : before + samples], of_weight
 
 
 class _LongConvolution(nn.Module):
@@ -46,35 +95,35 @@ class _LongConvolution(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, entering, L) -> (B, leaving, L)."""
-        samples, kernel = x.shape[-1], self.weight.shape[-1]
-        before = (kernel - 1) // 2
         if torch.onnx.is_in_onnx_export():
+            kernel = self.weight.shape[-1]
+            before = (kernel - 1) // 2
             return functional.conv1d(functional.pad(x, (before, kernel - 1 - before)), self.weight, self.bias)
-        # overlap-save: blocks of three kernels keep the taps' transforms small, a few frames at a time stay in cache
-        length = _fast_length(3 * kernel)
-        hop = length - kernel + 1
-        blocks = -(-samples // hop)
-        taps = torch.fft.rfft(self.weight, length).conj().permute(2, 1, 0)
-        parts = []
-        for part in x.split(_CACHED):
-            padded = functional.pad(part, (before, blocks * hop - samples + kernel - 1 - before))
-            spectrum = torch.fft.rfft(padded.unfold(2, length, hop)).permute(3, 0, 2, 1)
-            product = (spectrum.flatten(1, 2) @ taps).unflatten(1, (len(part), blocks)).permute(1, 3, 2, 0)
-            parts.append(torch.fft.irfft(product, length)[..., :hop].flatten(2)[..., :samples])
-        return torch.cat(parts) + self.bias[:, None]
+        return _OverlapSave.apply(x, self.weight) + self.bias[:, None]
 
 
-def _pool(x: Tensor) -> tuple[Tensor, Tensor]:
+class _Pool(torch.autograd.Function):
     """Max-pooling by 2: (B, C, L) -> (B, C, L/2), and whether the larger of each pair is the first."""
-    pairs = x.reshape(*x.shape[:2], -1, 2)
-    first, second = pairs[..., 0], pairs[..., 1]
-    return torch.maximum(first, second), first >= second
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> tuple[Tensor, Tensor]:
+        """The larger of each pair, and its place."""
+        pairs = x.unflatten(-1, (-1, 2))
+        first = pairs[..., 0] >= pairs[..., 1]
+        ctx.save_for_backward(first)
+        ctx.mark_non_differentiable(first)
+        return torch.maximum(pairs[..., 0], pairs[..., 1]), first
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor, _: Tensor) -> Tensor:
+        """The gradient at the place of the larger one."""
+        return _unpool(gradient, *ctx.saved_tensors)
 
 
 def _unpool(x: Tensor, first: Tensor) -> Tensor:
-    """(B, C, L/2) -> (B, C, L): each value at the place of the larger one in `_pool`, zero beside it."""
-    here = first.to(x.dtype)
-    return torch.stack([x * here, x * (1 - here)], dim=-1).flatten(2)
+    """(B, C, L/2) -> (B, C, L): each value at the place of the larger one in `_Pool`, zero beside it."""
+    here = x * first
+    return torch.stack([here, x - here], dim=-1).flatten(2)
 
 
 class Convolutional(nn.Module):
@@ -142,7 +191,7 @@ class Convolutional(nn.Module):
             h = convolution(h)
             if k < 2:
                 h = torch.relu(self.norms[k](h))
-            h, place = _pool(h)
+            h, place = _Pool.apply(h)
             places.append(place)
         for k, convolution in enumerate(self.decoder):
             h = convolution(_unpool(h, places.pop()))
