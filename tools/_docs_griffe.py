@@ -10,11 +10,11 @@ from typing import Any
 
 import griffe
 
-_SHARED = re.compile(r"^(\w+(?:, \w+)+)( : .*(?:\n .*)*)$", re.MULTILINE)
+_SHARED = re.compile(r"^(\w+(?:, \w+)+)((?: : .*)?(?:\n .*)+)$", re.MULTILINE)
 
 
 class OneEntryEach(griffe.Extension):
-    """Take "a, b : float" for two entries of the same words."""
+    """Take "a, b : float" and "a, b" for two entries of the same words."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         if obj.docstring:
