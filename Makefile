@@ -83,7 +83,7 @@ screenshot: $(VENV)/.runtime ## pictures of the companion and of the live view, 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 
 docs: $(DOCS_VENV)/.docs ## the documentation as a site, build/site/index.html; fails at a link that leads nowhere
-	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/python -m mkdocs -q build --strict $(ARGS)
+	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/python -m mkdocs build --strict $(ARGS)
 	@echo build/site/index.html
 
 setup-test: $(VENV)/.test
