@@ -84,6 +84,7 @@ def test_evidence_knows_which_side_of_a_return_has_power_and_the_farthest_rival_
     assert evidence.asymmetry(1.0) == pytest.approx(1.0 / 4.0)
     evidence.mean[:, -1] = 0.0
     assert evidence.farthest(4.0, (0, 0), 1.5, (-9.0, 9.0)) == (4.0, 0.0)
+    assert evidence.farthest(4.0, (-99, 99), 1.5, (-9.0, 9.0)) == (4.0, 4.0)  # there are no more cells
     evidence.recentre((1, -2))
     assert not evidence.mean[:, 4].any()
     np.testing.assert_allclose(evidence.variance[:, 4], [0.010, 0.022])  # twice their own: of a difference
@@ -216,6 +217,41 @@ def test_no_altitude_is_given_beside_a_return_nearly_as_strong_far_above_or_belo
     assert parts.integrity.undisputed(track, scan, found) is given
 
 
+@pytest.mark.parametrize(("received", "given"), [(0.0, True), (12.0, False)])
+def test_no_altitude_is_given_beside_a_return_near_by_that_the_method_has_taken_away(received, given):
+    """Interference that hides both in the received frames, strong in one of them, shows nothing."""
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(11):
+        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    before = showing(parts, 150, 150, 90, power=received).block.ratio
+    near_by = np.array([0.5, 1.0, 0.5], dtype=np.float32)
+    if received:
+        before[:, :, 161:164] += received * near_by
+    else:
+        before[7, :, 161:164] += 200.0 * near_by
+    scan = replace(scan, sum_received=lambda: scan_of(parts, before).block)
+    assert parts.integrity.undisputed(track, scan, found) is given
+
+
+@pytest.mark.parametrize("late", [0.0, 8.0])
+def test_a_step_of_the_ground_in_the_last_quarter_contradicts_and_interference_in_a_part_of_the_band_does_not(
+    late,
+):
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(11):
+        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    ratio = scan.block.ratio
+    if late:  # little of the return is left
+        ratio[30:], ratio[30:, :, 240] = showing(parts, 150, 150, 91, power=1.5).block.ratio[30:], late
+    assert parts.integrity.undisputed(track, scan_of(parts, ratio, scan.middle), found) is (not late)
+    ratio[:, :, 250:] *= 20.0
+    assert scan_of(parts, ratio).block.contradicted(found) is bool(late)
+
+
 @pytest.mark.parametrize("missed, resolved, given", [(1, True, True), (2, True, False), (1, False, False)])
 def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, resolved, given):
     """The next block shows too little to start a track; after two poor ones that is no proof."""
@@ -315,6 +351,10 @@ def test_a_gate_is_centred_on_the_prediction_at_the_middle_of_the_block():
     assert (
         open_m.size and np.abs(open_m - altitude_m).max() <= 4.0 * np.sqrt(0.02) + 0.51 * parts.tables.cell_m
     )
+
+    scan.residual_m = 30.0  # frames so late that every altitude seems higher
+    moved_m = parts.tables.altitude_m[parts.gate.mask(track, scan)]
+    assert moved_m.mean() - open_m.mean() == pytest.approx(30.0, abs=parts.tables.cell_m)
 
 
 def test_a_track_starts_where_a_grating_lobe_wins_the_votes_but_not_the_power():

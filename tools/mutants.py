@@ -78,16 +78,36 @@ def put(tree: ast.Module, file: Path, **names: object) -> None:
             function.__globals__.update(names)
 
 
-def tests_of(file: Path) -> list[str]:
-    """The test file that names a module most often, of those that import it or, without one, a neighbour of it."""
+def tests_of(file: Path) -> set[str]:
+    """The test file that uses a module's names most often, and the one that those of its neighbours above it do."""
+    above = [p.stem for p in file.parent.glob("*.py") if f"from .{file.stem} import" in p.read_text()]
+    found = set()
+    for stems in ([file.stem], above):
+        modules = {f"radalt.core.{file.parent.name}.{stem}" for stem in stems}
+        uses = {
+            test: sum(len(re.findall(rf"\b{name}\b", text)) for module, name in imports if module in modules)
+            for test, (text, imports) in _imports().items()
+        }
+        found |= {max(uses, key=uses.get)} if any(uses.values()) else set()
+    return found
+
+
+@functools.cache
+def _imports() -> dict[str, tuple[str, list[tuple[str, str]]]]:
+    """Text of every test file, and what it imports from where."""
     texts = {f"tests/{p.name}": p.read_text() for p in sorted((ROOT / "tests").glob("test_*.py"))}
-    near = [p.stem for p in file.parent.glob("*.py") if f"from .{file.stem} import" in p.read_text()]
-    for stems in ([file.stem], near):
-        lines = [f"from radalt.core.{file.parent.name}.{stem} import" for stem in stems]
-        found = [name for name, text in texts.items() if any(line in text for line in lines)]
-        if found:
-            return [max(found, key=lambda name: texts[name].count(file.stem))]
-    return []
+    return {
+        test: (
+            text,
+            [
+                (n.module, a.name)
+                for n in ast.walk(ast.parse(text))
+                if isinstance(n, ast.ImportFrom)
+                for a in n.names
+            ],
+        )
+        for test, text in texts.items()
+    }
 
 
 def forked(before: Callable[[], None], *arguments: str, plugin: object = None) -> tuple[int, str]:
