@@ -4,8 +4,8 @@
 Negates a comparison, swaps + and -, or swaps `and` and `or` within a function, one at a time, and runs the tests that
 call the function, the cheapest first. A survivor is a missing test, a dear one that was left out, or a change on which
 no result depends. A test that fails without a mutation, too, kills nothing; nor does a run without an end, which may be
-a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600); arguments are modules, or lines of them, as
-altimeter:120.
+a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_MUTANTS_SEED the seed of the order
+(default 1); arguments are modules, or lines of them, as altimeter:120.
 
 Everything is imported once. Each mutant is a fork of that process, in which the functions of the module get other code:
 starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.
@@ -38,7 +38,7 @@ ROOT, CORE = FLOWGRAPHS.parent, FLOWGRAPHS.parent / "python/radalt/core"
 LIMIT_S = float(os.environ.get("RADALT_MUTANTS_S", 3600))
 TESTS_S = 20.0  # CPU time of a mutant's tests without a mutation, s: the dearer ones take minutes
 CPU_S = 5 * TESTS_S  # CPU time after which a mutant's tests have no end, at any load of the machine, s
-SEED = 1  # of the order, in which the modules are mixed: a short time is a sample of all
+SEED = int(os.environ.get("RADALT_MUTANTS_SEED", 1))  # of the order: a short time is a sample of all modules
 OTHER = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
 OTHER |= {ast.Add: ast.Sub, ast.And: ast.Or}
 OTHER |= {b: a for a, b in OTHER.items()}
