@@ -102,13 +102,13 @@ def oversampling(rate_hz: float, highest_hz: float) -> int:
 
     Raises ValueError if M exceeds 64.
     """
-    factor = max(1, int(np.ceil((highest_hz + rate_hz / 2) / rate_hz)))
+    factor = max(1.0, np.ceil((highest_hz + rate_hz / 2) / rate_hz))
     if factor > MAX_OVERSAMPLING:
         raise ValueError(
-            f"frequencies up to {highest_hz:g} Hz from the radar need {factor} times its rate; "
-            f"the limit is {MAX_OVERSAMPLING} times, reduce the offset or the bandwidth"
+            f"frequencies up to {highest_hz:g} Hz from the radar need {factor:g} times its rate; "
+            f"the limit is {MAX_OVERSAMPLING} times; reduce offset or bandwidth, or lengthen the edges"
         )
-    return factor
+    return int(factor)
 
 
 def window_taps(rate_hz: float, factor: int) -> np.ndarray:
