@@ -155,6 +155,7 @@ import sys
 sys.path[:0] = ["training", "python"]
 import torch
 from networks import build
+from networks.cnn import _OverlapSave, _Pool
 from torch import nn
 from torch.nn import functional as f
 
@@ -183,11 +184,14 @@ with torch.no_grad():
     # one bias a rail, where the transposed 2-D convolution has one for both
     wanted = (unmixer(h[:, :, None, :7500]) - unmixer.bias)[:, 0, :, :7500] + net.unmixer.bias[:, None]
 print(float((made - wanted).norm() / wanted.norm()), sum(p.numel() for p in net.parameters()))
+x, taps = (torch.randn(s, dtype=torch.float64, requires_grad=True) for s in ((3, 2, 40), (2, 2, 5)))
+torch.autograd.gradcheck(_OverlapSave.apply, (x, taps))
+torch.autograd.gradcheck(lambda x: _Pool.apply(x)[0], (x,))
 """
 
 
 def test_the_authors_cnn_is_what_pytorchs_own_layers_give(training):
-    """IQ mixer, convolutions of 200 x 64 with pooling, the same mirrored; by overlap-save and reshaped pairs."""
+    """IQ mixer, convolutions of 200 x 64 with pooling, the same mirrored; and the gradients of finite differences."""
     status, said, errors = training("-c", AUTHORS_CNN)
     assert status == 0, errors
     error, parameters = said.split()

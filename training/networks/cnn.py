@@ -49,7 +49,7 @@ class _OverlapSave(torch.autograd.Function):
         blocks = -(-samples // hop)
         before = (kernel - 1) // 2
         padded = functional.pad(x, (before, blocks * hop - samples + kernel - 1 - before))
-        taps = torch.fft.rfft(weight, length).conj().permute(2, 1, 0).contiguous()
+        taps = torch.fft.rfft(weight, length).permute(2, 1, 0).conj_physical().contiguous()
         out = x.new_empty(frames, leaving, blocks, hop)
         spectra = []
         for part, made in zip(padded.split(_CACHED), out.split(_CACHED), strict=True):
@@ -67,17 +67,17 @@ class _OverlapSave(torch.autograd.Function):
         taps, *spectra = ctx.saved_tensors
         entering, samples, kernel, length, hop, blocks, before = ctx.sizes
         whole = functional.pad(gradient, (0, blocks * hop - samples)).unflatten(2, (blocks, hop))
-        back = taps.mH.contiguous()
+        back = taps.mT.conj_physical().contiguous()
         added = gradient.new_zeros(len(gradient), entering, (blocks + 1) * hop)
         of_taps = torch.zeros_like(taps)
         for part, made, spectrum in zip(whole.split(_CACHED), added.split(_CACHED), spectra, strict=True):
             other = torch.fft.rfft(part, length).permute(3, 0, 2, 1).flatten(1, 2)
-            of_taps += spectrum.mH @ other
+            of_taps += spectrum.mT @ other.conj_physical()  # a lazy conjugate would be copied slice by slice
             product = (other @ back).unflatten(1, (len(part), blocks)).permute(1, 3, 2, 0)
             blocks_of = torch.fft.irfft(product, length)
             made[..., : blocks * hop].unflatten(2, (blocks, hop)).add_(blocks_of[..., :hop])
             made[..., hop:].unflatten(2, (blocks, hop))[..., : kernel - 1].add_(blocks_of[..., hop:])
-        of_weight = torch.fft.irfft(of_taps.conj().permute(2, 1, 0), length)[..., :kernel]
+        of_weight = torch.fft.irfft(of_taps.permute(2, 1, 0), length)[..., :kernel]
         return added[..., before : before + samples], of_weight
 
 
@@ -102,17 +102,28 @@ class _LongConvolution(nn.Module):
         return _OverlapSave.apply(x, self.weight) + self.bias[:, None]
 
 
-def _pool(x: Tensor) -> tuple[Tensor, Tensor]:
+class _Pool(torch.autograd.Function):
     """Max-pooling by 2: (B, C, L) -> (B, C, L/2), and whether the larger of each pair is the first."""
-    pairs = x.reshape(*x.shape[:2], -1, 2)
-    first, second = pairs[..., 0], pairs[..., 1]
-    return torch.maximum(first, second), first >= second
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> tuple[Tensor, Tensor]:
+        """The larger of each pair, and its place."""
+        pairs = x.unflatten(-1, (-1, 2))
+        first = pairs[..., 0] >= pairs[..., 1]
+        ctx.save_for_backward(first)
+        ctx.mark_non_differentiable(first)
+        return torch.maximum(pairs[..., 0], pairs[..., 1]), first
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor, _: Tensor) -> Tensor:
+        """The gradient at the place of the larger one."""
+        return _unpool(gradient, *ctx.saved_tensors)
 
 
 def _unpool(x: Tensor, first: Tensor) -> Tensor:
-    """(B, C, L/2) -> (B, C, L): each value at the place of the larger one in `_pool`, zero beside it."""
-    here = first.to(x.dtype)
-    return torch.stack([x * here, x * (1 - here)], dim=-1).flatten(2)
+    """(B, C, L/2) -> (B, C, L): each value at the place of the larger one in `_Pool`, zero beside it."""
+    here = x * first
+    return torch.stack([here, x - here], dim=-1).flatten(2)
 
 
 class Convolutional(nn.Module):
@@ -180,7 +191,7 @@ class Convolutional(nn.Module):
             h = convolution(h)
             if k < 2:
                 h = torch.relu(self.norms[k](h))
-            h, place = _pool(h)
+            h, place = _Pool.apply(h)
             places.append(place)
         for k, convolution in enumerate(self.decoder):
             h = convolution(_unpool(h, places.pop()))

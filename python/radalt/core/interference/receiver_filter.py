@@ -102,11 +102,11 @@ def oversampling(rate_hz: float, highest_hz: float) -> int:
 
     Raises ValueError if M exceeds 64.
     """
-    factor = max(1.0, np.ceil((highest_hz + rate_hz / 2) / rate_hz))
-    if factor > MAX_OVERSAMPLING:
+    factor = max(1.0, float(np.ceil((highest_hz + rate_hz / 2) / rate_hz)))
+    if factor > MAX_OVERSAMPLING:  # infinite for a rise time near the smallest number
         raise ValueError(
             f"frequencies up to {highest_hz:g} Hz from the radar need {factor:g} times its rate; "
-            f"the limit is {MAX_OVERSAMPLING} times; reduce offset or bandwidth, or lengthen the edges"
+            f"the limit is {MAX_OVERSAMPLING} times, reduce the offset or the bandwidth, or lengthen the rise time"
         )
     return int(factor)
 
