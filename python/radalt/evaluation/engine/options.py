@@ -159,7 +159,7 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
             try:
                 with terminable(), a_home():
                     status = main(*args, **options)
-                    sys.stdout.flush()
+                    print(end="", flush=True)
                     return status
             except BrokenPipeError:  # the reader has closed the pipe: | head
                 os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for Python's last flush
