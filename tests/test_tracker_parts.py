@@ -387,6 +387,26 @@ def test_what_a_network_leaves_within_the_span_alone_is_no_second_return():
         assert block.second_return(found, 30, 0.25, 0.1, 0.0) is said
 
 
+@pytest.mark.parametrize(("step", "counts"), [(12, False), (-12, True)])
+def test_a_return_eight_decibels_weaker_near_by_counts_below_and_not_above(step, counts):
+    """The nearest ground is the altitude."""
+    parts = parts_of()
+    ratio = showing(parts, 150, 150, 35, power=40.0).block.ratio
+    ratio[:, :, 149 + step : 152 + step] += 0.16 * 40.0 * np.array([0.5, 1.0, 0.5], dtype=np.float32)
+    block = scan_of(parts, ratio).block
+    assert block.second_return(block.best(), 24, 10**-0.6, 10**-1.0, 0.0) is counts
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_return_at_the_highest_speed_allowed_is_found_either_way(sign):
+    tables = Integrator(FAST, 40, doppler=True, max_speed_m_per_s=150.0)
+    apart = sign * int(150.0 / tables.speed_per_cell)
+    ratio, (up, down) = exponential(46), (150 + apart // 2, 150 + apart // 2 - apart)
+    ratio[:, 0, up], ratio[:, 1, down] = 12.0, 12.0
+    found = Block(tables, ratio, np.arange(40.0)).strongest()
+    assert found.cells == (up, down) and found.strength > 20.0
+
+
 def test_a_track_stays_with_the_pair_of_most_power_while_a_lobe_wins_the_votes():
     """A network leaves two ends of a sweep: the lobe of one half, 20 m off, passes for 35 m/s where 150 are allowed."""
     parts = parts_of()
@@ -422,6 +442,18 @@ def test_a_poor_altitude_widens_the_level_by_its_share_and_not_for_itself():
     for _ in range(20):
         last = take(1.0)  # better ones since: the old ones are forgotten as fast as the filter forgets them
     assert 1.0 < last < 1.2
+
+
+def test_the_deviation_of_a_shape_is_a_mean_over_the_blocks():
+    """A second return three cells behind the ground in every block."""
+    parts = parts_of()
+    track, shown = started(parts, 150, 150, 42), []
+    for k in range(20):
+        ratio = showing(parts, 150, 150, 60 + k).block.ratio
+        ratio[:, :, 153] += 8.0
+        scan = scan_of(parts, ratio, 59.5 + 40.0 * k)
+        shown.append(scan.block.shape_deviation(parts.updater.update(track, scan)))
+    assert 0.0 < min(shown) < track.deviation < max(shown)
 
 
 @pytest.mark.parametrize("doppler_m_per_s", [15.0, -15.0])
