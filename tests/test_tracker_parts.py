@@ -444,6 +444,17 @@ def test_a_poor_altitude_widens_the_level_by_its_share_and_not_for_itself():
     assert 1.0 < last < 1.2
 
 
+def test_a_return_that_fades_does_not_fluctuate_in_altitude_and_one_that_moves_does():
+    parts, found = parts_of(), []
+    for power, step in ((48.0, 0), (12.0, 2)):  # in every other frame
+        ratio, other = (
+            showing(parts, 150 + k, 150 + k, 47, power=p).block.ratio for k, p in ((0, 12.0), (step, power))
+        )
+        ratio[::2] = other[::2]
+        found.append(scan_of(parts, ratio).block.best())
+    assert found[0].fluctuation_m2 < 0.1 * found[1].fluctuation_m2
+
+
 def test_the_deviation_of_a_shape_is_a_mean_over_the_blocks():
     """A second return three cells behind the ground in every block."""
     parts = parts_of()
