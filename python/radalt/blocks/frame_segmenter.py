@@ -384,8 +384,8 @@ class frame_segmenter(gr.basic_block):
         """Handle a second start: samples between are lost, and where it was locked the content of its rings."""
         if self.has_heard:
             self.logger.warn(
-                "the flowgraph was reconfigured or started again, which loses samples and with them the timing: build it "
-                "anew, or send the command reacquire at altitude zero"
+                "the flowgraph was reconfigured or started again, which loses samples and with them the timing: build "
+                "it anew, or send the command reacquire at altitude zero"
             )
         return True
 
