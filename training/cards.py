@@ -171,7 +171,7 @@ def results(rows: list[dict[str, Any]], method: str) -> str:
         "wrong and valid (95 % bound)",
     ]
     return (
-        "Point returns at SNR 10 dB, 7.5 MHz in 1 ms, seeds no training saw (`training/evaluate.py`; all methods in\n"
+        "Point returns at SNR 10 dB, 7.5 MHz in 1 ms, held-out seeds (`training/evaluate.py`; all methods in\n"
         "`docs/tcae_comparison.md`). Wrong and valid: share of frames declared and 5 m off or more, over all SIRs "
         "measured.\n\n" + "\n".join(out) + "\n\n" + table(header, lines)
     )
@@ -201,7 +201,7 @@ def paper_results(rows: list[dict[str, Any]]) -> str:
 def other_sweeps(rows: list[dict[str, Any]]) -> str:
     """Where the break-points are, and the altitudes declared without a return, at its own sweep and at others."""
     return (
-        "Point returns at SNR 10 dB, seeds no training saw (`training/evaluate_sweeps.py`). `docs/sweeps.md` has the\n"
+        "Point returns at SNR 10 dB, held-out seeds (`training/evaluate_sweeps.py`). `docs/sweeps.md` has the\n"
         "break-points at six sweeps, and how often the altitude was wrong and valid. Declared altitudes where there\n"
         f"is no return, with their 95 % bound (at 7.5 MHz `tcae` is `tcae.onnx`):\n\n{alone_table(rows)}"
     )

@@ -1,6 +1,6 @@
 """Training curves of several runs side by side: loss over training and over validation examples.
 
-    PYTHONPATH=python .venv/bin/python training/curves.py paper fc cnn
+    PYTHONPATH=python .venv/bin/python training/curves.py paper fc cnn_normalised
     PYTHONPATH=python .venv/bin/python training/curves.py paper fc --logs training/runs --out curves.png
 
 A log is ``NAME.csv`` below ``--logs``, or ``NAME/log.csv`` as `train.py` writes it.
