@@ -80,8 +80,8 @@ RECIPE = {
     "cnn": (
         "The layers of arXiv:2410.03423 (`training/networks/cnn.py` states our choices) with batch normalisation after "
         "the inner convolutions, without which they stay on the plateau at this rate (docs/tcae.md). The paper's "
-        "recipe and data, as `paper`. {epochs:.2f} epochs of 150 in @HOURS@ hours of one busy core without a GPU; MSE "
-        "over the validation set fell to @VAL@ (training error @TRAIN@) and was still falling. Weights are stored as "
+        "recipe and data, as `paper`. {epochs:.2f} epochs of 150 in 1.6 hours of one to two busy cores without a GPU; "
+        "MSE over the validation set fell to 0.349 (training error 0.350) and was still falling. Weights are stored as "
         "int8 with one scale a row and widened when the file is loaded."
     ),
     "fc": (
