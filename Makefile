@@ -76,14 +76,14 @@ screenshot: $(VENV)/.runtime ## pictures of the companion and of the live view, 
 	@PYTHONPATH="$(CURDIR)/python:$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" GRC_BLOCKS_PATH="$(CURDIR)/grc" \
 	xvfb-run -a $(SYSTEM_PYTHON) tests/companion_probe.py --picture docs/companion.png flowgraphs/bring_your_own.grc >/dev/null
 	@$(PYTHON) tools/screenshot.py $(ARGS)
-	@$(PYTHON) tools/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show start --out docs/live_view_start.png $(ARGS)
 	@$(PYTHON) tools/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
 	@$(PYTHON) tools/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 
 docs: $(DOCS_VENV)/.docs ## the documentation as a site, build/site/index.html; fails at a link that leads nowhere
-	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/python -m mkdocs -q build --strict $(ARGS)
+	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/python -m mkdocs build --strict $(ARGS)
 	@echo build/site/index.html
 
 setup-test: $(VENV)/.test

@@ -8,6 +8,7 @@ import re
 import cards
 import numpy as np
 import pytest
+import yaml
 from waiting import ran_python
 
 from radalt.core.receiver.altimeter import Reason
@@ -16,6 +17,10 @@ from radalt.core.waveform import Waveform
 from radalt.evaluation.results.break_point import break_point
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
+
+LINK = re.compile(
+    r"\]\((?:([\w-]+)\.md)?(?:#([\w-]+))?\)"
+)  # to a page, a heading, or a heading of the page itself
 
 
 @pytest.fixture(scope="module")
@@ -80,9 +85,45 @@ def test_every_shipped_scene_is_named_on_the_page_of_scenes(root):
     assert {file.stem for file in (root / "flowgraphs/scenes").glob("*.yaml")} <= named
 
 
-def test_every_page_is_in_the_site(root):
-    named = set(re.findall(r"- ([\w./-]+\.md)$", (root / "mkdocs.yml").read_text(), re.MULTILINE))
-    assert named == {str(page.relative_to(root / "docs")) for page in (root / "docs").rglob("*.md")}
+@pytest.fixture(scope="module")
+def site(root):
+    """`mkdocs.yml`, and the hook that puts pages of several files together."""
+    path = root / "tools/_docs_pages.py"
+    spec = importlib.util.spec_from_file_location("_docs_pages", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return yaml.safe_load((root / "mkdocs.yml").read_text(encoding="utf-8")), module
+
+
+def test_every_page_is_in_the_site_once(root, site):
+    config, _ = site
+    named = re.findall(r"- (?:\w+: )?([\w./-]+\.md)$", (root / "mkdocs.yml").read_text(), re.MULTILINE)
+    named += [f"{file}.md" for files in config["extra"]["pages"].values() for file in files[1:]]
+    assert sorted(named) == sorted(
+        str(page.relative_to(root / "docs")) for page in (root / "docs").rglob("*.md")
+    )
+
+
+def test_links_to_a_section_lead_to_its_only_heading(root, site):
+    """In the pages put together, and in those that link to them; code is left as it is."""
+    config, hook = site
+    pages = config["extra"]["pages"]
+    sections = {file for files in pages.values() for file in files[1:]}
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in (root / "docs").glob("*.md")}
+    made = {name: text for name, text in texts.items() if name not in sections}
+    made |= {files[0]: hook.page_text(title, {f: texts[f] for f in files}) for title, files in pages.items()}
+    made = {name: hook.with_links(text, pages) for name, text in made.items()}
+    anchors = {}
+    for name, text in made.items():
+        headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.MULTILINE)
+        found = [re.search(r"{#([\w-]+)}|$", head)[1] or hook.anchor(head) for head in headings]
+        assert len(set(found)) == len(found), name
+        anchors[name] = found
+    links = [(at or name, to) for name, text in made.items() for at, to in LINK.findall(text)]
+    assert not sections & {at for at, _ in links}
+    assert not [(at, to) for at, to in links if to and to not in anchors[at]]
+    assert ("tracker", "integrity-words") in links and ("results", "studies") in links
+    assert "\n# a comment\n" in hook.section("part", "# Part\n\n```\n# a comment\n```\n")
 
 
 def test_a_models_card_says_what_the_published_rows_say(root):

@@ -253,6 +253,14 @@ def test_the_axis_of_one_overlap_says_that_overlap(tmp_path):
     assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["1"]
 
 
+def test_the_legend_of_every_method_lies_within_a_figure_of_one_panel(tmp_path):
+    rows = [row for row in rows_of(scene_of()) if row["sir_db"] == -28]
+    many = [row | {"method": name} for row in rows if row["method"] == "none" for name in MITIGATIONS]
+    figure = draw_pd(many, tmp_path / "x.png", title="one")
+    box = figure.legends[0].get_window_extent()
+    assert 0 <= box.x0 and box.x1 <= figure.bbox.width and len(figure.legends) == 1
+
+
 # -- pooling ------------------------------------------------------------------------------------------------------
 
 

@@ -24,18 +24,18 @@ from radalt.evaluation.engine.options import MAX_SEED, Parser, check_ours, comma
 from radalt.evaluation.transmitters import TRANSMITTERS, transmit
 
 PANELS = (
-    ("paper_qpsk", "QPSK, rectangular pulses, ideal"),
-    ("qpsk_shaped", "QPSK, root raised cosine, typical EVM"),
-    ("tones", "Five tones"),
-    ("nr5", "5G NR downlink, 5 MHz, typical EVM"),
-    ("nr10", "5G NR downlink, 10 MHz, typical EVM"),
-    ("nr_as_sent", "5G NR, 20 MHz, TDD, moving channel"),
-    ("mixture", "NR + QPSK + tones + pulsed radar"),
-    ("fmcw", "Another FMCW altimeter"),
-    ("faa_mask", "14 CFR 91.220(b) mask, 200 ft"),
-    ("dvbt", "DVB-T by GNU Radio"),
-    ("atsc", "ATSC television by GNU Radio"),
-    ("dvbs2", "DVB-S2 by GNU Radio"),
+    ("paper_qpsk", "QPSK, ideal,\nrectangular pulses"),
+    ("qpsk_shaped", "QPSK,\nroot raised cosine"),
+    ("tones", "five tones"),
+    ("nr5", "5G, 5 MHz"),
+    ("nr10", "5G, 10 MHz"),
+    ("nr_as_sent", "5G, 20 MHz, TDD,\nmoving channel"),
+    ("mixture", "5G, QPSK, tones,\npulsed radar"),
+    ("fmcw", "another altimeter"),
+    ("faa_mask", "14 CFR 91.220(b)\nmask, 200 ft"),
+    ("dvbt", "DVB-T\nby GNU Radio"),
+    ("atsc", "ATSC television\nby GNU Radio"),
+    ("dvbs2", "DVB-S2\nby GNU Radio"),
 )
 TITLE = "Interference gallery of gr-radalt"  # in the file's metadata
 SIR_DB = -20.0  # at which return and interference are both seen
@@ -81,7 +81,7 @@ def draw(path: Path, seed: int) -> None:
     import matplotlib.pyplot as plt
 
     path.parent.mkdir(parents=True, exist_ok=True)  # first: drawing takes seconds
-    figure, axes = plt.subplots(4, 3, figsize=(8.0, 8.6), sharex=True, sharey=True, constrained_layout=True)
+    figure, axes = plt.subplots(4, 3, figsize=(5.6, 7.4), sharex=True, sharey=True, constrained_layout=True)
     for axis, (name, title) in zip(axes.flat, PANELS, strict=True):
         with tempfile.TemporaryDirectory() as folder:
             scene = with_recording(load_scene(name), Path(folder), seed)
@@ -97,17 +97,17 @@ def draw(path: Path, seed: int) -> None:
             cmap="cividis",
             interpolation="nearest",
         )
-        axis.set_title(title.replace(", ", ",\n", 1), fontsize=10)
+        axis.set_title(title, fontsize=9)
     for axis in axes[:, 0]:
-        axis.set_ylabel("Frequency (MHz)")
+        axis.set_ylabel("frequency / MHz")
     for axis in axes[-1]:
-        axis.set_xlabel("Time (ms)")
-    figure.colorbar(image, ax=axes, label="Power (dB)", shrink=0.9, pad=0.01)
+        axis.set_xlabel("time / ms")
+    figure.colorbar(image, ax=axes, label="power / dB", shrink=0.9, pad=0.01)
     figure.suptitle(
-        f"Two sweeps at the receiver: 200 m return (the triangle),\ninterference at {SIR_DB:g} dB SIR, 60 % overlap",
-        fontsize=11,
+        f"Two sweeps: return of 200 m (the triangle),\ninterference at SIR {SIR_DB:g} dB, overlap 0.6, typical EVM",
+        fontsize=10,
     )
-    figure.savefig(path, dpi=130, metadata={"Title": TITLE})
+    figure.savefig(path, dpi=180, metadata={"Title": TITLE})
 
 
 def _parser() -> Parser:

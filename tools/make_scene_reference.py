@@ -176,21 +176,21 @@ def rows(
         key = f"{within}{field.name}"
         if nested and typing.get_origin(hint) is not tuple:
             said = texts.get(field.name) or first_line(nested[0])
-            out.append(f"| `{key}` | mapping | {'none' if default is None else ''} | | {said} |")
+            out.append(f"| `{key}` | {said} | mapping | {'none' if default is None else ''} | |")
             out += rows(nested[0], (*path, field.name), within=f"{key}.")
             continue
         text = texts.get(field.name, "")
         cells = (
+            text,
             ", ".join(filter(None, (wanted(hint), unit(field.name)))),
             shown(default),
             allowed((*path, field.name), hint),
-            text,
         )
         out.append(f"| `{key}` | " + " | ".join(cells) + " |")
     return out
 
 
-TOP = "| key | type, unit | default | range | meaning |\n|---|---|---|---|---|"
+TOP = "| key | meaning | type, unit | default | range |\n|---|---|---|---|---|"
 
 
 def first_line(kind: type) -> str:

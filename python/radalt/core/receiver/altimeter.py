@@ -211,12 +211,13 @@ class Altimeter(BeatSpectra):
 
         Returns
         -------
-        (n,) structured array of `RESULT_DTYPE`; where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN.
-        Of a sawtooth ``vertical_speed_m_per_s`` is NaN, and ``altitude_m`` is that of `Waveform.doppler_lead_s` later.
-        ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond the
-        main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less likely.
-        ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell beside it, in
-        the range profile: power by altitude, both half sweeps added.
+        (n,) structured array of RESULT_DTYPE
+            Where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN. Of a sawtooth
+            ``vertical_speed_m_per_s`` is NaN, and ``altitude_m`` is that of `Waveform.doppler_lead_s` later.
+            ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond
+            the main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less
+            likely. ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell
+            beside it, in the range profile: power by altitude, both half sweeps added.
 
         Raises
         ------

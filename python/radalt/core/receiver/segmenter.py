@@ -40,6 +40,8 @@ _UNSEEN, _PAUSE = 8, 4
 class FrameSegmenter:
     """Stream of samples in any chunks in, whole aligned frames out.
 
+    `follow` names altitudes that were set by hand; they take precedence over the programme's.
+
     Parameters
     ----------
     waveform : Waveform
@@ -56,12 +58,9 @@ class FrameSegmenter:
     leakage : LeakageCanceller or None
         Subtracts the transmitter's own leakage from every frame. Timing is then acquired and held on the leakage
         (`LeakageTiming`). Not with beat shifts, which shift the leakage as well.
-
     noise : bool
         Whether samples carry noise: frames that repeat one of the last second bit for bit are then a frozen receiver's,
         and are not released. In a simulation without noise, repeated frames are no fault.
-
-    `follow` names altitudes that were set by hand; they take precedence over the programme's.
 
     Attributes
     ----------

@@ -162,8 +162,8 @@ class AltitudeTracker:
 
         Returns
         -------
-        (k,) structured array of `OUTPUT_DTYPE`; ``altitude_m``, ``vertical_speed_m_per_s`` and ``protection_level_m``
-        are NaN unless ``status`` is NORMAL.
+        (k,) structured array of OUTPUT_DTYPE
+            ``altitude_m``, ``vertical_speed_m_per_s`` and ``protection_level_m`` are NaN unless ``status`` is NORMAL.
         """
         n = len(spectra.power)
         index = self._next_index + np.arange(n) if frame_index is None else np.broadcast_to(frame_index, n)

@@ -36,7 +36,8 @@ def point_return(
 
     Returns
     -------
-    (n, N) complex array, or (N,) if every argument is scalar.
+    (n, N) complex array
+        Or (N,) if every argument is scalar.
     """
     parts = np.broadcast_arrays(altitude_m, vertical_speed_m_per_s, phase_cycles, frame_index)
     columns = [np.atleast_1d(part).astype(float) for part in parts]

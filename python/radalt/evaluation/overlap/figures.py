@@ -299,14 +299,12 @@ def _finish(figure: Any, axes: Sequence[Any], path: Path | None, title: str, yla
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(ylabel, fontsize=9)
     handles = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
-    style_options = {
-        "loc": "outside lower center",
-        "ncols": 4,
-        "fontsize": 7.5,
-        "frameon": False,
-        "handlelength": 3.4,
-    }
-    figure.legend(handles.values(), handles.keys(), **style_options)
+    style_options = {"loc": "outside lower center", "fontsize": 7.5, "frameon": False, "handlelength": 3.4}
+    for columns in (4, 3, 2, 1):  # as many as the figure is wide for
+        legend = figure.legend(handles.values(), handles.keys(), ncols=columns, **style_options)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()
     wide = int(13 * figure.get_figwidth())  # characters of this size in a line
     figure.suptitle("\n".join(textwrap.fill(line, wide) for line in title.splitlines()), fontsize=9)
     if path is not None:

@@ -170,7 +170,8 @@ def determinism_rows(method: str) -> Iterator[dict[str, Any]]:
         yield _check(name, _difference(altitudes_of(method, batches), whole), bound, "m")
     for threads in (1, 2):
         other, said = _altitudes_in_process(method, threads)
-        row = _check(f"{method}: a process of {threads} threads", _difference(other, whole), bound, "m")
+        name = f"{method}: a process of {threads} {'thread' if threads == 1 else 'threads'}"
+        row = _check(name, _difference(other, whole), bound, "m")
         yield row | ({"verdict": f"FAIL {said}"} if said else {})
 
 

@@ -137,7 +137,10 @@ def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> str:
         for r in bad
     ]
     lines.sort(key=lambda line: line[0])
-    lines += [["", line, ""] for line in failures(tables | {"rows": []})]
+    for line in failures(tables | {"rows": []}):
+        check, _, verdict = line.rpartition(": ")
+        chain, _, case = check.rpartition(": ")
+        lines.append([chain, case, verdict])
     return table(["chain", "case", "found"], lines) if lines else ""
 
 

@@ -1,0 +1,92 @@
+"""MkDocs hook: a page of the site from several files of docs/, each of which stays as its command writes it.
+
+`extra.pages` of mkdocs.yml lists, by the page's title, the file that the page is called after and those that follow as
+sections. These have no page of their own, and links to them lead to the section.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+_CODE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
+_HEADING = re.compile(r"^#(#*) (.*)$", re.MULTILINE)
+_LINK = re.compile(r"\]\((?:((?:\.\./)?)([\w-]+)\.md)?(?:#([\w-]+))?\)")
+
+
+def anchor(heading: str) -> str:
+    """Anchor of a heading, as Markdown's `toc` makes it."""
+    plain = re.sub(r"[^\w\s-]", "", heading.encode("ascii", "ignore").decode()).strip().lower()
+    return re.sub(r"[-\s]+", "-", plain)
+
+
+def _prose(text: str, change: Callable[[str], str]) -> str:
+    """``text`` with ``change`` applied to all but fenced code."""
+    pieces = _CODE.split(text)
+    pieces[::2] = map(change, pieces[::2])
+    return "".join(pieces)
+
+
+def section(file: str, text: str) -> str:
+    """The file ``file`` as a section: its headings one level down, with anchors of their own, and links to these."""
+
+    def heading(found: re.Match[str]) -> str:
+        marks, title = found.groups()
+        return f"##{marks} {title} {{#{file}{f'-{anchor(title)}' if marks else ''}}}"
+
+    text = _prose(text, lambda prose: _HEADING.sub(heading, prose))
+    return text.replace("](#", f"](#{file}-")
+
+
+def with_links(text: str, pages: dict[str, list[str]]) -> str:
+    """``text`` with links to a file that is a section leading there."""
+    page_of = {file: files[0] for files in pages.values() for file in files[1:]}
+
+    def link(found: re.Match[str]) -> str:
+        above, file, where = found.groups()
+        if file not in page_of:
+            return found[0]
+        return f"]({above}{page_of[file]}.md#{file}{f'-{where}' if where else ''})"
+
+    return _LINK.sub(link, text)
+
+
+def page_text(title: str, texts: dict[str, str]) -> str:
+    """Markdown of a page: the first of ``texts`` (by file) under ``title``, links to the sections, the sections."""
+    (_, lead), *rest = texts.items()
+    named = [f"[{text.partition(chr(10))[0].removeprefix('# ')}](#{file})" for file, text in rest]
+    lead = re.sub(r"\A# .*", f"# {title}", lead)
+    made = lead.replace("\n## ", f"\n*Below: {' · '.join(named)}*\n\n## ", 1)
+    for file, text in rest:
+        for picture in re.findall(r"^!\[.*(\]\(\S+\))$\n", text, re.MULTILINE):
+            if picture in made:  # once per page
+                text = re.sub(rf"^!.*{re.escape(picture)}\n\n", "", text, flags=re.MULTILINE)
+        made += f"\n\n---\n\n{section(file, text)}"
+    return made
+
+
+def on_files(files: Any, config: Any) -> None:
+    """Leave out the pages of the files that are sections."""
+    for _, *rest in config["extra"]["pages"].values():
+        for file in rest:
+            files.remove(files.get_file_from_path(f"{file}.md"))
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
+    """Put a page together."""
+    pages, docs = config["extra"]["pages"], Path(config["docs_dir"])
+    for title, files in pages.items():
+        if page.file.src_uri == f"{files[0]}.md":
+            texts = {file: (docs / f"{file}.md").read_text(encoding="utf-8") for file in files}
+            markdown = page_text(title, texts)
+    return with_links(markdown, pages)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Let a picture lead to its file, for a small screen, and know cells of numbers."""
+    html = re.sub(r"<td([^>]*)>(?=[\d\s./e:–≤≥+%()-]+</td>)", r'<td\1 class="numbers">', html)
+    html = html.replace("::test_", "::<wbr>test_")  # long names may break there
+    html = re.sub(r"(?<=\d) (?=%|dB\b)", "\N{NO-BREAK SPACE}", html)
+    return re.sub(r'(<img [^>]*src="([^"]*)"[^>]*>)', r'<a href="\2">\1</a>', html)
