@@ -405,6 +405,34 @@ def test_a_return_at_the_highest_speed_allowed_is_found_either_way(sign):
     ratio[:, 0, up], ratio[:, 1, down] = 12.0, 12.0
     found = Block(tables, ratio, np.arange(40.0)).strongest()
     assert found.cells == (up, down) and found.strength > 20.0
+    assert np.abs(tables.speeds).max() <= 150.0
+    # frames are moved by nearly the speed that the pair of cells shows
+    off = tables.speeds[tables.rows[:, 0]] - tables.rows[:, 1] * tables.speed_per_cell
+    assert np.abs(off).max() <= np.diff(tables.speeds).max()
+
+
+def test_a_speed_just_beyond_the_allowed_is_one_by_its_error():
+    """By 1 m/s: with a standard deviation of 2 m/s it may be the return's, with 0.05 m/s not."""
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for sigma, allowed in ((2.0, True), (0.05, False)):
+        found = replace(
+            track.latest, speed_m_per_s=parts.tables.max_speed + 1.0, speed_variance_m2_per_s2=sigma**2
+        )
+        assert bool(parts.gate.allowed_speed(found)) is allowed
+        least, most = parts.integrity.open_cells(track, found)
+        assert (least <= 0 <= most) is allowed
+
+
+def test_a_doppler_of_the_other_sign_within_its_error_is_no_exchange_of_i_and_q():
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(11):
+        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    slope, _ = track.speed_by_altitudes(1e-3, track.latest.altitude_variance_m2)
+    track.doppler_m_per_s = -slope
+    assert parts.integrity.undisputed(track, scan, found)
 
 
 def test_a_track_stays_with_the_pair_of_most_power_while_a_lobe_wins_the_votes():

@@ -196,7 +196,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("modules", nargs="*", metavar="MODULE[:LINE]", help="all without")
-    wanted = set(parser.parse_args().modules)
+    parser.add_argument(
+        "--tests", nargs="+", metavar="FILE", help="these alone, in place of each module's own"
+    )
+    args = parser.parse_args()
+    wanted = set(args.modules)
     if unknown := {name.partition(":")[0] for name in wanted} - {f.stem for f in files}:
         parser.error(f"no module {min(unknown)}: one of {', '.join(f.stem for f in files)}")
     todo = [
@@ -208,7 +212,7 @@ def main() -> None:
     random.Random(SEED).shuffle(todo)
     end = time.monotonic() + LIMIT_S
     os.chdir(ROOT)
-    tests = sorted({name for f, _ in todo for name in tests_of(f)})
+    tests = args.tests or sorted({name for f, _ in todo for name in tests_of(f)})
     pytest.main(["-qq", "--collect-only", *tests])
     calls = calls_of({f for f, _ in todo}, tests)
     killed, survived = Counter(), Counter()
