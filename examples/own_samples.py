@@ -4,6 +4,7 @@
 PYTHONPATH=python .venv/bin/python examples/own_samples.py samples.cf32 500
 """
 
+import os
 import sys
 
 import numpy as np
@@ -41,7 +42,7 @@ class OwnSamples(gr.top_block):
 
 def main() -> int:
     """Run to the end of the file and print the altitudes and why frames have none."""
-    if len(sys.argv) not in (2, 3):
+    if len(sys.argv) not in (2, 3) or os.path.isdir(sys.argv[1]):  # GNU Radio reads a folder without end
         print("usage: own_samples.py FILE [ALTITUDE_OF_THE_FIRST_SWEEPS_M]", file=sys.stderr)
         return 2
     try:

@@ -278,6 +278,17 @@ def test_impossible_leakage_is_refused(settings, said):
         ChannelSettings(**settings)
 
 
+def test_paths_of_the_return_come_behind_the_first():
+    x, time = np.zeros(FRAMES * N, np.complex64), np.arange(FRAMES * N)
+    x[4 * N] = 1.0
+    plain, spread = (
+        np.abs(play(replace(PLAIN, start_offset_samples=500.0, return_multipath=m), x)) ** 2
+        for m in (None, FadingChannel(profile="ETU"))
+    )
+    first = np.average(time[: plain.size], weights=plain)
+    assert first + 1.0 < np.average(time[: spread.size], weights=spread) < first + 5e-6 * W.rate_hz
+
+
 def test_gaps_are_all_there_and_what_is_left_is_untouched():
     frames, settings = 300, replace(PLAIN, drops=DropSettings(25, 100, 20_000))
     x = band_limited(frames * N).astype(np.complex64)
@@ -324,6 +335,18 @@ def test_a_delay_line_that_expects_repeats_gives_what_any_other_gives():
             got = expecting.read(delay, blocks.size // n)
             expected = other.read(delay, blocks.size // n)
             np.testing.assert_array_equal(np.broadcast_to(got, expected.shape), expected)
+
+
+def test_a_delay_does_not_depend_on_the_length_of_the_blocks():
+    samples = np.random.default_rng(8).standard_normal(24_000).astype(np.float32).view(np.complex64)
+    delayed = []
+    for n in (500, 2000):
+        line, out = DelayLine(n, 300.0), []
+        for block in samples.reshape(-1, n):
+            line.push(block)
+            out.append(line.read(200.3).ravel().copy())
+        delayed.append(np.concatenate(out))
+    np.testing.assert_allclose(*delayed, atol=1e-4)
 
 
 @pytest.mark.parametrize("sweep_s", [1e-3, 520e-6], ids=["1 ms", "0.52 ms"])

@@ -253,6 +253,13 @@ def test_help_of_a_tool_acts_on_nothing(tool, tmp_path, monkeypatch, capfd):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_reader_that_closes_the_pipe_ends_a_command_in_silence():
+    said = ran(
+        "sh", "-c", f"({sys.executable} {ROOT}/flowgraphs/ota_eval.py --plan; echo $? >&2) | true"
+    ).stderr
+    assert said == "141\n"
+
+
 def test_a_command_that_is_nearly_one_is_named(capsys):
     assert main(["evla"]) == 2
     assert capsys.readouterr().err == "radalt: no command 'evla'; did you mean 'eval'?\n"

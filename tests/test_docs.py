@@ -65,6 +65,10 @@ def test_own_samples_are_measured_from_the_altitude_of_the_first_sweeps(root, tm
     count, first, last = re.search(r"(\d+) altitudes from ([\d.]+) m to ([\d.]+) m", done.stdout).groups()
     assert int(count) > 100 and abs(float(first) - 500) < 5 and abs(float(last) - 620) < 5
     assert f"{count} frames ok" in done.stdout
+    done = ran_python(root / "examples/own_samples.py", tmp_path, env=env)
+    assert done.returncode == 2 and done.stderr.startswith(
+        "usage: own_samples.py FILE "
+    )  # a folder has no end
     done = ran_python(root / "examples/own_samples.py", tmp_path / "none.cf32", env=env)
     assert done.returncode == 2 and done.stderr.splitlines()[-1].endswith("none.cf32: can't open file")
 

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import re
 import signal
 import sys
 import time
@@ -476,19 +477,34 @@ def test_a_block_that_is_called_like_the_gate_is_none(generated, press_run):
     assert "start" not in {call[1] for call in press_run.air.calls}
 
 
-def test_a_gate_beside_the_path_stops_the_flowgraph_before_the_radios_start(generated, press_run, capsys):
-    class Around(generated("ota_b210")):
+def gate_taken_out_of_the_path(top):
+    top.nowhere = blocks.null_sink(gr.sizeof_gr_complex)
+    top.disconnect((top.jammer_gate, 0), (top.jammer_usrp_sink, 0))
+    top.connect(top.jammer_gate, top.nowhere)
+    top.connect(top.jammer_source, top.jammer_usrp_sink)
+
+
+def third_transmitter_without_a_gate(top):
+    top.own = [uhd_double.Sink(top.radar_usrp_sink.air, "", uhd_double.uhd.stream_args("fc32"))]
+    top.connect(top.jammer_source, top.own[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [(gate_taken_out_of_the_path, "jammer_usrp_sink"), (third_transmitter_without_a_gate, "double_sink")],
+)
+def test_a_transmitter_without_its_gate_stops_the_flowgraph_before_the_radios_start(
+    generated, press_run, capsys, change, named
+):
+    class Changed(generated("ota_b210")):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self.nowhere = blocks.null_sink(gr.sizeof_gr_complex)
-            self.disconnect((self.jammer_gate, 0), (self.jammer_usrp_sink, 0))
-            self.connect(self.jammer_gate, self.nowhere)
-            self.connect(self.jammer_source, self.jammer_usrp_sink)
+            change(self)
 
-    Around.__module__ = generated("ota_b210").__module__
-    press_run(Around, a_scene())
+    Changed.__module__ = generated("ota_b210").__module__
+    press_run(Changed, a_scene())
     printed = capsys.readouterr().out
-    assert "stopped: jammer_usrp_sink is not fed by its Transmit Gate alone" in printed
+    assert re.search(rf"stopped: {named}\d* is not fed by its Transmit Gate alone", printed)
     assert "12 of 12" not in printed
 
 

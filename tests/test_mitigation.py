@@ -583,7 +583,12 @@ def test_methods_work_for_other_sweeps(name):
     ("name", "options", "said"),
     [
         ("median", {}, "unknown mitigation method 'median'; known: none, lms,"),
-        ("whitening", {"width": 3}, "mitigation 'whitening': .*unexpected keyword argument 'width'"),
+        (
+            "whitening",
+            {"smooth_hz": 3},
+            "whitening.smooth_hz is unknown; did you mean 'smoothing_hz'[?] allowed: smoothing_hz, exp",
+        ),
+        ("none", {"gain": 3}, "none.gain is unknown; allowed: nothing"),
         ("whitening", {"smoothing_hz": -1.0}, "whitening.smoothing_hz is -1.0; within 0..7.5e\\+06"),
         ("whitening", {"exponent": 2.0}, "whitening.exponent is 2.0"),
         ("lms", {"step": 0.0}, "lms.step is 0.0"),

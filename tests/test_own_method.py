@@ -98,6 +98,15 @@ def test_method_that_works_in_place_does_not_touch_the_frames_of_others(tmp_path
     np.testing.assert_array_equal(FRAMES, before)
 
 
+def test_a_file_that_goes_to_its_own_folder_leaves_the_results_where_they_were_wanted(tmp_path, monkeypatch):
+    monkeypatch.chdir(Path("/"))
+    source = (
+        "import os\nos.chdir(os.path.dirname(__file__))\ndef mitigate(frames, waveform):\n    return frames\n"
+    )
+    create("custom", W, file=method(tmp_path, source))
+    assert Path.cwd() == Path("/")
+
+
 HEAD = "def mitigate(frames, waveform):\n    "
 
 

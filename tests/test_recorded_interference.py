@@ -17,6 +17,7 @@ from radalt.core.interference.stream import JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import make_recording
+from radalt.evaluation.overlap.study import OverlapStudy
 
 RATE_HZ = 7.5e6
 
@@ -65,6 +66,17 @@ def test_raw_samples_are_the_same_with_rate_and_type(tmp_path):
     raw = RecordingEmitter(file=str(tmp_path / "air.ci16"), rate_hz=5e6, datatype="ci16_le")
     b = raw.samples(5000, RATE_HZ, np.random.default_rng(5))
     np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+@pytest.mark.parametrize("effects", [{}, {"fading": {"profile": "EVA"}}])
+def test_a_run_states_the_samples_of_a_recording_and_not_its_name(tmp_path, effects):
+    stated = []
+    for name, level in (("a", 1.0), ("same", 1.0), ("other", 1.1)):
+        (tmp_path / name).mkdir()
+        file = write(tmp_path / name, np.exp(1j * level * np.arange(30_000)), RATE_HZ)
+        scene = parse_scene({"interference": {"recording": {"file": str(file), **effects}}})
+        stated.append(OverlapStudy(scene).head()["recordings"]["0"])
+    assert stated[0] == stated[1] != stated[2]
 
 
 def test_a_scene_names_it_and_its_origin_is_noted(tmp_path):

@@ -17,7 +17,7 @@ from scipy import signal
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation import CUSTOM, METHODS
 from radalt.core.radio.calibration import CalibrationKey, store_latency_samples
-from radalt.core.radio.recording import RecordingError, open_capture
+from radalt.core.radio.recording import RecordingError, Stretch, open_capture, write_metadata
 from radalt.core.returns.point import point_return
 from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
@@ -124,6 +124,20 @@ def test_annotations_tell_altitude_jammer_and_gap(live):
     assert all(n["radalt:jammer"]["sir_db"] == -12.0 for n in notes if n["radalt:jammer"]["on"])
     # an annotation covers the frames it names: eight of the preamble
     assert notes[0]["core:sample_count"] == 8 * scene.waveform.samples_per_frame
+
+
+def test_annotations_begin_later_by_the_latency_and_are_cut_where_samples_are_missing(tmp_path):
+    """Sweep 0 begins 100 samples after the counter's zero; the fifth frame's samples are lost."""
+    scene, n = a_scene(), 7500
+    np.zeros(20 * n, np.complex64).tofile(tmp_path / "gap.sigmf-data")
+    stretches = [Stretch(0, 0, 4 * n), Stretch(4 * n, 5 * n, 16 * n)]
+    meta = write_metadata(
+        tmp_path / "gap.sigmf-data", scene, stretches, latency_samples=100.4, recorder="test"
+    )
+    notes = sigmf.sigmffile.fromfile(str(meta)).get_annotations()
+    placed = [(a["core:sample_start"], a["core:sample_count"]) for a in notes]
+    assert placed[:2] == [(100, 4 * n - 100), (4 * n, 3 * n + 100)]  # the preamble's eight frames
+    assert placed[2][0] == 7 * n + 100
 
 
 def write_foreign(folder, samples, rate_hz, datatype):

@@ -446,20 +446,26 @@ def test_garbage_keeps_no_transmission_alive(bench):
     closed(bench, "no request for more than 0.5 s")
 
 
-def test_gates_within_hierarchical_blocks_are_closed_too(bench):
-    class Transmitter(gr.hier_block2):
-        def __init__(self) -> None:
-            signature = gr.io_signature(1, 1, gr.sizeof_gr_complex)
-            gr.hier_block2.__init__(self, "transmitter", signature, gr.io_signature(0, 0, 0))
-            self.gates = [radalt.transmit_gate(parse_scene({}), True, True)]
+class Transmitter(gr.hier_block2):
+    def __init__(self, gate) -> None:
+        signature = gr.io_signature(1, 1, gr.sizeof_gr_complex)
+        gr.hier_block2.__init__(self, "transmitter", signature, gr.io_signature(0, 0, 0))
+        self.gates = [gate]
 
-    bench.top.transmitter = Transmitter()
-    inside = bench.top.transmitter.gates[0].gate
-    inside._closed = None  # as if the scene stated an enclosure
+
+@pytest.mark.parametrize(
+    "put",
+    [Transmitter, lambda gate: {gate}, lambda gate: SimpleNamespace(gates=(gate,))],
+    ids="hier set object".split(),
+)
+def test_gates_are_closed_wherever_an_attribute_holds_them(bench, put):
+    gate = radalt.transmit_gate(parse_scene({}), True, True)
+    gate.gate._closed = None  # as if the scene stated an enclosure
+    bench.top.transmitter = put(gate)
     bench.start()
-    wait_for(lambda: inside.why_closed is None, "an open gate")
+    wait_for(lambda: gate.gate.why_closed is None, "an open gate")
     bench.ask(b'{"version": 1, "command": "stop"}')
-    assert inside.why_closed == "transmit stopped: by request"
+    assert gate.gate.why_closed == "transmit stopped: by request"
 
 
 class Listened(uhd_double.Air):

@@ -84,6 +84,7 @@ def test_evidence_knows_which_side_of_a_return_has_power_and_the_farthest_rival_
     assert evidence.asymmetry(1.0) == pytest.approx(1.0 / 4.0)
     evidence.mean[:, -1] = 0.0
     assert evidence.farthest(4.0, (0, 0), 1.5, (-9.0, 9.0)) == (4.0, 0.0)
+    assert evidence.farthest(4.0, (-99, 99), 1.5, (-9.0, 9.0)) == (4.0, 4.0)  # there are no more cells
     evidence.recentre((1, -2))
     assert not evidence.mean[:, 4].any()
     np.testing.assert_allclose(evidence.variance[:, 4], [0.010, 0.022])  # twice their own: of a difference
@@ -216,6 +217,41 @@ def test_no_altitude_is_given_beside_a_return_nearly_as_strong_far_above_or_belo
     assert parts.integrity.undisputed(track, scan, found) is given
 
 
+@pytest.mark.parametrize(("received", "given"), [(0.0, True), (12.0, False)])
+def test_no_altitude_is_given_beside_a_return_near_by_that_the_method_has_taken_away(received, given):
+    """Interference that hides both in the received frames, strong in one of them, shows nothing."""
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(11):
+        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    before = showing(parts, 150, 150, 90, power=received).block.ratio
+    near_by = np.array([0.5, 1.0, 0.5], dtype=np.float32)
+    if received:
+        before[:, :, 161:164] += received * near_by
+    else:
+        before[7, :, 161:164] += 200.0 * near_by
+    scan = replace(scan, sum_received=lambda: scan_of(parts, before).block)
+    assert parts.integrity.undisputed(track, scan, found) is given
+
+
+@pytest.mark.parametrize("late", [0.0, 8.0])
+def test_a_step_of_the_ground_in_the_last_quarter_contradicts_and_interference_in_a_part_of_the_band_does_not(
+    late,
+):
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(11):
+        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    ratio = scan.block.ratio
+    if late:  # little of the return is left
+        ratio[30:], ratio[30:, :, 240] = showing(parts, 150, 150, 91, power=1.5).block.ratio[30:], late
+    assert parts.integrity.undisputed(track, scan_of(parts, ratio, scan.middle), found) is (not late)
+    ratio[:, :, 250:] *= 20.0
+    assert scan_of(parts, ratio).block.contradicted(found) is bool(late)
+
+
 @pytest.mark.parametrize("missed, resolved, given", [(1, True, True), (2, True, False), (1, False, False)])
 def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, resolved, given):
     """The next block shows too little to start a track; after two poor ones that is no proof."""
@@ -316,6 +352,10 @@ def test_a_gate_is_centred_on_the_prediction_at_the_middle_of_the_block():
         open_m.size and np.abs(open_m - altitude_m).max() <= 4.0 * np.sqrt(0.02) + 0.51 * parts.tables.cell_m
     )
 
+    scan.residual_m = 30.0  # frames so late that every altitude seems higher
+    moved_m = parts.tables.altitude_m[parts.gate.mask(track, scan)]
+    assert moved_m.mean() - open_m.mean() == pytest.approx(30.0, abs=parts.tables.cell_m)
+
 
 def test_a_track_starts_where_a_grating_lobe_wins_the_votes_but_not_the_power():
     """Up cell 150 with down cell 150, power in few frames, or 156, less in all: only more power makes a ghost of it."""
@@ -345,6 +385,54 @@ def test_what_a_network_leaves_within_the_span_alone_is_no_second_return():
         block = Block(tables, ratio * level, np.arange(40.0))
         found = block.measure(block.strongest(np.abs(tables.up_cell - here) <= 2))
         assert block.second_return(found, 30, 0.25, 0.1, 0.0) is said
+
+
+@pytest.mark.parametrize(("step", "counts"), [(12, False), (-12, True)])
+def test_a_return_eight_decibels_weaker_near_by_counts_below_and_not_above(step, counts):
+    """The nearest ground is the altitude."""
+    parts = parts_of()
+    ratio = showing(parts, 150, 150, 35, power=40.0).block.ratio
+    ratio[:, :, 149 + step : 152 + step] += 0.16 * 40.0 * np.array([0.5, 1.0, 0.5], dtype=np.float32)
+    block = scan_of(parts, ratio).block
+    assert block.second_return(block.best(), 24, 10**-0.6, 10**-1.0, 0.0) is counts
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_return_at_the_highest_speed_allowed_is_found_either_way(sign):
+    tables = Integrator(FAST, 40, doppler=True, max_speed_m_per_s=150.0)
+    apart = sign * int(150.0 / tables.speed_per_cell)
+    ratio, (up, down) = exponential(46), (150 + apart // 2, 150 + apart // 2 - apart)
+    ratio[:, 0, up], ratio[:, 1, down] = 12.0, 12.0
+    found = Block(tables, ratio, np.arange(40.0)).strongest()
+    assert found.cells == (up, down) and found.strength > 20.0
+    assert np.abs(tables.speeds).max() <= 150.0
+    # frames are moved by nearly the speed that the pair of cells shows
+    off = tables.speeds[tables.rows[:, 0]] - tables.rows[:, 1] * tables.speed_per_cell
+    assert np.abs(off).max() <= np.diff(tables.speeds).max()
+
+
+def test_a_speed_just_beyond_the_allowed_is_one_by_its_error():
+    """By 1 m/s: with a standard deviation of 2 m/s it may be the return's, with 0.05 m/s not."""
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for sigma, allowed in ((2.0, True), (0.05, False)):
+        found = replace(
+            track.latest, speed_m_per_s=parts.tables.max_speed + 1.0, speed_variance_m2_per_s2=sigma**2
+        )
+        assert bool(parts.gate.allowed_speed(found)) is allowed
+        least, most = parts.integrity.open_cells(track, found)
+        assert (least <= 0 <= most) is allowed
+
+
+def test_a_doppler_of_the_other_sign_within_its_error_is_no_exchange_of_i_and_q():
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(11):
+        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    slope, _ = track.speed_by_altitudes(1e-3, track.latest.altitude_variance_m2)
+    track.doppler_m_per_s = -slope
+    assert parts.integrity.undisputed(track, scan, found)
 
 
 def test_a_track_stays_with_the_pair_of_most_power_while_a_lobe_wins_the_votes():
@@ -382,6 +470,29 @@ def test_a_poor_altitude_widens_the_level_by_its_share_and_not_for_itself():
     for _ in range(20):
         last = take(1.0)  # better ones since: the old ones are forgotten as fast as the filter forgets them
     assert 1.0 < last < 1.2
+
+
+def test_a_return_that_fades_does_not_fluctuate_in_altitude_and_one_that_moves_does():
+    parts, found = parts_of(), []
+    for power, step in ((48.0, 0), (12.0, 2)):  # in every other frame
+        ratio, other = (
+            showing(parts, 150 + k, 150 + k, 47, power=p).block.ratio for k, p in ((0, 12.0), (step, power))
+        )
+        ratio[::2] = other[::2]
+        found.append(scan_of(parts, ratio).block.best())
+    assert found[0].fluctuation_m2 < 0.1 * found[1].fluctuation_m2
+
+
+def test_the_deviation_of_a_shape_is_a_mean_over_the_blocks():
+    """A second return three cells behind the ground in every block."""
+    parts = parts_of()
+    track, shown = started(parts, 150, 150, 42), []
+    for k in range(20):
+        ratio = showing(parts, 150, 150, 60 + k).block.ratio
+        ratio[:, :, 153] += 8.0
+        scan = scan_of(parts, ratio, 59.5 + 40.0 * k)
+        shown.append(scan.block.shape_deviation(parts.updater.update(track, scan)))
+    assert 0.0 < min(shown) < track.deviation < max(shown)
 
 
 @pytest.mark.parametrize("doppler_m_per_s", [15.0, -15.0])

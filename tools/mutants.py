@@ -4,8 +4,8 @@
 Negates a comparison, swaps + and -, or swaps `and` and `or` within a function, one at a time, and runs the tests that
 call the function, the cheapest first. A survivor is a missing test, a dear one that was left out, or a change on which
 no result depends. A test that fails without a mutation, too, kills nothing; nor does a run without an end, which may be
-a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600); arguments are modules, or lines of them, as
-altimeter:120.
+a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_MUTANTS_SEED the seed of the order
+(default 1); arguments are modules, or lines of them, as altimeter:120.
 
 Everything is imported once. Each mutant is a fork of that process, in which the functions of the module get other code:
 starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.
@@ -38,7 +38,7 @@ ROOT, CORE = FLOWGRAPHS.parent, FLOWGRAPHS.parent / "python/radalt/core"
 LIMIT_S = float(os.environ.get("RADALT_MUTANTS_S", 3600))
 TESTS_S = 20.0  # CPU time of a mutant's tests without a mutation, s: the dearer ones take minutes
 CPU_S = 5 * TESTS_S  # CPU time after which a mutant's tests have no end, at any load of the machine, s
-SEED = 1  # of the order, in which the modules are mixed: a short time is a sample of all
+SEED = int(os.environ.get("RADALT_MUTANTS_SEED", 1))  # of the order: a short time is a sample of all modules
 OTHER = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
 OTHER |= {ast.Add: ast.Sub, ast.And: ast.Or}
 OTHER |= {b: a for a, b in OTHER.items()}
@@ -78,16 +78,36 @@ def put(tree: ast.Module, file: Path, **names: object) -> None:
             function.__globals__.update(names)
 
 
-def tests_of(file: Path) -> list[str]:
-    """The test file that names a module most often, of those that import it or, without one, a neighbour of it."""
+def tests_of(file: Path) -> set[str]:
+    """The test file that uses a module's names most often, and the one that those of its neighbours above it do."""
+    above = [p.stem for p in file.parent.glob("*.py") if f"from .{file.stem} import" in p.read_text()]
+    found = set()
+    for stems in ([file.stem], above):
+        modules = {f"radalt.core.{file.parent.name}.{stem}" for stem in stems}
+        uses = {
+            test: sum(len(re.findall(rf"\b{name}\b", text)) for module, name in imports if module in modules)
+            for test, (text, imports) in _imports().items()
+        }
+        found |= {max(uses, key=uses.get)} if any(uses.values()) else set()
+    return found
+
+
+@functools.cache
+def _imports() -> dict[str, tuple[str, list[tuple[str, str]]]]:
+    """Text of every test file, and what it imports from where."""
     texts = {f"tests/{p.name}": p.read_text() for p in sorted((ROOT / "tests").glob("test_*.py"))}
-    near = [p.stem for p in file.parent.glob("*.py") if f"from .{file.stem} import" in p.read_text()]
-    for stems in ([file.stem], near):
-        lines = [f"from radalt.core.{file.parent.name}.{stem} import" for stem in stems]
-        found = [name for name, text in texts.items() if any(line in text for line in lines)]
-        if found:
-            return [max(found, key=lambda name: texts[name].count(file.stem))]
-    return []
+    return {
+        test: (
+            text,
+            [
+                (n.module, a.name)
+                for n in ast.walk(ast.parse(text))
+                if isinstance(n, ast.ImportFrom)
+                for a in n.names
+            ],
+        )
+        for test, text in texts.items()
+    }
 
 
 def forked(before: Callable[[], None], *arguments: str, plugin: object = None) -> tuple[int, str]:
@@ -176,7 +196,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("modules", nargs="*", metavar="MODULE[:LINE]", help="all without")
-    wanted = set(parser.parse_args().modules)
+    parser.add_argument(
+        "--tests", nargs="+", metavar="FILE", help="these alone, in place of each module's own"
+    )
+    args = parser.parse_args()
+    wanted = set(args.modules)
     if unknown := {name.partition(":")[0] for name in wanted} - {f.stem for f in files}:
         parser.error(f"no module {min(unknown)}: one of {', '.join(f.stem for f in files)}")
     todo = [
@@ -188,7 +212,7 @@ def main() -> None:
     random.Random(SEED).shuffle(todo)
     end = time.monotonic() + LIMIT_S
     os.chdir(ROOT)
-    tests = sorted({name for f, _ in todo for name in tests_of(f)})
+    tests = args.tests or sorted({name for f, _ in todo for name in tests_of(f)})
     pytest.main(["-qq", "--collect-only", *tests])
     calls = calls_of({f for f, _ in todo}, tests)
     killed, survived = Counter(), Counter()

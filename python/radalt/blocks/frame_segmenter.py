@@ -381,11 +381,11 @@ class frame_segmenter(gr.basic_block):
         )
 
     def start(self) -> bool:
-        """Handle a second start: a flowgraph that was locked and unlocked has lost the content of its rings."""
+        """Handle a second start: samples between are lost, and where it was locked the content of its rings."""
         if self.has_heard:
             self.logger.warn(
-                "the flowgraph was reconfigured while it ran, which loses samples and with them the timing: stop and "
-                "start it instead, or send the command reacquire at altitude zero"
+                "the flowgraph was reconfigured or started again, which loses samples and with them the timing: build "
+                "it anew, or send the command reacquire at altitude zero"
             )
         return True
 

@@ -56,27 +56,31 @@ class transmit_gate(gr.sync_block):
 
 
 def gates_of(top: Any) -> list[TransmitGate]:
-    """Every gate of a flowgraph, those inside its hierarchical blocks included.
+    """Every gate of a flowgraph that attributes refer to: a Python block lives only while something does.
 
-    A Python block lives only while an attribute (or a list or dictionary in one) refers to it, so these are searched.
+    Searched are the attributes of the flowgraph, of its hierarchical blocks and of plain objects among these, with
+    lists, tuples, sets, dictionaries in them. Not searched are other blocks, and what plain objects refer to in turn.
+    The set-up of radios refuses transmitters that anything but the flowgraph's own two gates feeds.
     """
     found: dict[int, TransmitGate] = {}
-    seen: set[int] = set()
+    seen: set[tuple[int, bool]] = set()
 
-    def walk(value: Any) -> None:
-        if id(value) in seen:
+    def walk(value: Any, plain: bool) -> None:  # plain: attributes of plain objects, too
+        if (id(value), plain) in seen:
             return
-        seen.add(id(value))
+        seen.add((id(value), plain))
         if isinstance(value, transmit_gate):
             found[id(value)] = value.gate
-        elif isinstance(value, (list, tuple)):
-            for item in value:
-                walk(item)
+        elif isinstance(value, (list, tuple, set, frozenset)):
+            for item in list(value):
+                walk(item, plain)
         elif isinstance(value, dict):
             for item in list(value.values()):
-                walk(item)
+                walk(item, plain)
         elif value is top or isinstance(value, gr.hier_block2):
-            walk(vars(value))
+            walk(vars(value), True)
+        elif plain and hasattr(value, "__dict__") and not hasattr(value, "to_basic_block"):
+            walk(vars(value), False)
 
-    walk(top)
+    walk(top, True)
     return list(found.values())

@@ -162,7 +162,7 @@ def create(
     parameters.pop("method", None)
     try:
         if isinstance(method, type):
-            parameters = arguments(method.__init__, parameters, name)
+            parameters = arguments(method, parameters, name)
         built = method(waveform, **parameters)
     except MitigationError:
         raise

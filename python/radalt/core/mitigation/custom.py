@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import os
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -78,7 +79,11 @@ class Custom(Mitigation):
             raise MitigationError(str(error)) from None
         module = ModuleType(self.file.stem)
         module.__file__ = str(self.file)
-        self._guarded(lambda: exec(compile(source, str(self.file), "exec"), module.__dict__))
+        here = os.getcwd()
+        try:
+            self._guarded(lambda: exec(compile(source, str(self.file), "exec"), module.__dict__))
+        finally:
+            os.chdir(here)  # a file that changes it, perhaps to its own folder, would move the results
         return module
 
     def _method(self, module: ModuleType, waveform: Waveform) -> Callable[[np.ndarray], np.ndarray]:

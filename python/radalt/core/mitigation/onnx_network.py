@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -33,13 +34,12 @@ def network_files(model: str | Path) -> tuple[Path, ...]:
 
     Examples
     --------
-    >>> [path.name for path in network_files("c++/encoder.onnx+c++/decoder.onnx")]
-    ['encoder.onnx', 'decoder.onnx']
+    >>> [path.name for path in network_files("c++/encoder.ONNX+c++/decoder.onnx")]
+    ['encoder.ONNX', 'decoder.onnx']
     """
-    encoder, _, decoder = str(model).partition(".onnx+")
-    if not decoder or Path(model).exists():
+    if Path(model).exists():
         return (Path(model),)
-    return Path(f"{encoder}.onnx"), Path(decoder)
+    return tuple(map(Path, re.split(r"(?<=\.onnx)\+(?=.)", str(model), maxsplit=1, flags=re.IGNORECASE)))
 
 
 class OnnxNetwork:

@@ -205,15 +205,22 @@ def quantity(value: Any, where: str) -> float:
     return float(value)
 
 
-def arguments(function: Callable[..., Any], given: dict[str, Any], where: str) -> dict[str, Any]:
-    """Keyword arguments converted by the function's annotations; unknown ones stay, and the function refuses them.
+def arguments(method: type, given: dict[str, Any], where: str) -> dict[str, Any]:
+    """Keyword arguments of a class, behind its first argument, converted by the annotations of its constructor.
 
     Raises
     ------
     ValueError
         One line with key, value and what is allowed.
     """
-    hints = _hints(function)
+    parameters = list(inspect.signature(method).parameters.values())[1:]
+    known = [p.name for p in parameters]
+    hints = _hints(method.__init__)
+    for key in given:
+        if key not in known and not any(p.kind is p.VAR_KEYWORD for p in parameters):
+            raise ValueError(
+                f"{where}.{key} is unknown; {did_you_mean(key, known)}allowed: {_listed(known) or 'nothing'}"
+            )
     return {
         key: convert(hints[key], value, f"{where}.{key}")
         if key in hints and not isinstance(value, Path)

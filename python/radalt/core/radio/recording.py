@@ -103,7 +103,7 @@ def write_metadata(
             {"core:frequency": float(w.carrier_hz), "core:global_index": int(stretch.global_index)},
         )
     for start, length, fields in _annotations(scene, stretches, latency_samples):
-        recording.add_annotation(start, length, fields)
+        recording.add_annotation(start, length, dict(fields))  # it writes its start into it
     meta = data_file.with_suffix(".sigmf-meta")
     recording.tofile(str(meta), overwrite=True)
     return meta

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..results.folder import FolderError
+from ..results.table import counted
 from .estimate import AROUND_S, estimate
 from .options import EXPECTED, Options, Terminated, complain, duration
 from .publish import check_target, publish
@@ -117,7 +118,7 @@ def _cost(study: Study, options: Options) -> str:
         time_text = f"{duration(estimate(study, points, 1))} of one core's time"
     else:
         time_text = duration(estimate(study, points, options.jobs) + AROUND_S)
-    return f"{len(points)} points, {sum(p.frames for p in points)} frames, about {time_text}"
+    return f"{counted(len(points), 'point')}, {counted(sum(p.frames for p in points), 'frame')}, about {time_text}"
 
 
 def _kept(options: Options, last: Progress | None) -> str:

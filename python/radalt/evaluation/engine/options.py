@@ -145,6 +145,8 @@ def a_home() -> Iterator[None]:
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Decorator of a ``main``: expected errors become one line and status 2, Ctrl-C 130, SIGTERM 143, imports included.
 
+    A closed standard output, as of ``| head``, ends it in silence with status 141.
+
     Other errors keep their traceback. With ``RADALT_TRACEBACK`` in the environment all do.
     """
 
@@ -156,7 +158,12 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
                     stream.reconfigure(errors="backslashreplace")
             try:
                 with terminable(), a_home():
-                    return main(*args, **options)
+                    status = main(*args, **options)
+                    print(end="", flush=True)
+                    return status
+            except BrokenPipeError:  # the reader has closed the pipe: | head
+                os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for Python's last flush
+                return 141
             except EXPECTED as error:
                 complain(program, error)
                 return 2

@@ -9,7 +9,7 @@ from typing import Any
 from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.score import pool
-from ..results.table import DASH, interval, metres, number, signed_metres, table
+from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
 from .altitudes import groups
 from .panels import Row, panels, series_of, spread, with_interference
 
@@ -47,9 +47,10 @@ def summary(report: dict[str, Any]) -> str:
     return (
         f"{text} Radar: {waveform['bandwidth_hz'] / 1e6:g} MHz sweep in {waveform['sweep_s'] * 1e3:g} ms at "
         f"{waveform['carrier_hz'] / 1e9:g} GHz, {waveform['rate_hz'] / 1e6:g} MS/s. "
-        f"{len(heights)} altitudes from {max(heights):g} m to {min(heights):g} m "
-        f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each: "
-        f"{report['trials_per_point']} trials per point and method. Source: {report['source']}. Seed {report['seed']}."
+        f"{counted(len(heights), 'altitude')} from {max(heights):g} m to {min(heights):g} m "
+        f"({altitude['mode'].replace('_', ' ')}), {counted(altitude['frames'], 'frame')} at each: "
+        f"{counted(report['trials_per_point'], 'trial')} per point and method. "
+        f"Source: {report['source']}. Seed {report['seed']}."
     )
 
 
@@ -204,7 +205,7 @@ def _divergence(rows: Sequence[Row]) -> str:
     diverged = [r for r in rows if r["diverged_frames"]]
     if not diverged:
         return "none"
-    text = f"{sum(r['diverged_frames'] for r in diverged)} frames"
+    text = counted(sum(r["diverged_frames"] for r in diverged), "frame")
     low = min(r["overlap"] for r in diverged)
     sirs = sorted({r["sir_db"] for r in diverged if r["sir_db"] is not None})
     text += f", from overlap {low:g} on" if low else ""

@@ -92,6 +92,8 @@ def _differences(a: Run, b: Run) -> Iterator[tuple[str, Any, Any]]:
         yield from _unequal("snr_db", _snrs(a), _snrs(b))
     if {row["interference"] for row in a.report["rows"]} & {row["interference"] for row in b.report["rows"]}:
         yield from _unequal("interference", _emitters(left), _emitters(right))
+        if a.report.get("recordings") and b.report.get("recordings"):  # reports of 0.3.0 have none
+            yield from _unequal("recordings", a.report["recordings"], b.report["recordings"])
     for method in a.report["methods"].keys() & b.report["methods"].keys():
         known = [{k: v for k, v in r.report["methods"][method].items() if k != "providers"} for r in (a, b)]
         yield from _unequal(f"methods.{method}", *known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ...core.interference.emitters.recording import RecordingEmitter
 from ...core.mitigation import CUSTOM, METHODS, MitigationError, create
 from ...core.mitigation.onnx_network import network_files
 from ...core.mitigation.tcae import default_model_path
@@ -83,6 +85,18 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
         status = create(name, scene.waveform, **(scene.method_options.get(name) or {})).status()
         out[name] = {key: status[key] for key in _KEPT if key in status}
     return out
+
+
+def _recordings(scene: Scene) -> dict[str, str]:
+    """SHA-256 of the samples in use of each recording among the interferers, by its number."""
+    found = {}
+    for number, interferer in enumerate(scene.interference):
+        emitter = interferer.emitter
+        while hasattr(emitter, "emitter"):  # within effects or an amplifier
+            emitter = emitter.emitter
+        if isinstance(emitter, RecordingEmitter):
+            found[str(number)] = hashlib.sha256(emitter.load(scene.waveform.rate_hz).tobytes()).hexdigest()
+    return found
 
 
 def method_files(scene: Scene) -> dict[str, Path]:
@@ -211,6 +225,7 @@ class OverlapStudy(Study):
             "source": self.source,
             "scene": scene_to_mapping(self.scene),
             "methods": check_methods(self.scene),
+            **({"recordings": digests} if (digests := _recordings(self.scene)) else {}),
             **({"dwell_frames": DWELL_FRAMES} if self.tracked else {}),
         }
 

@@ -124,16 +124,17 @@ def _check_blocks(top: Any, scene: Scene) -> None:
 
 
 def ungated_sinks(top: Any) -> list[str]:
-    """Transmitting sinks of a running flowgraph with another input than their gate."""
+    """Transmitting sinks of a running flowgraph with another input than their gate, and those that have none."""
     feeds: dict[str, set[str]] = {}
     for line in top.edge_list().splitlines():
         source, arrow, target = line.partition("->")
         if arrow:
             feeds.setdefault(target.rpartition(":")[0], set()).add(source.rpartition(":")[0])
-    return [
-        sink
-        for sink, gate in _GATED
-        if hasattr(top, sink) and feeds.get(getattr(top, sink).alias()) != {getattr(top, gate).alias()}
+    known = {getattr(top, sink).alias(): (sink, gate) for sink, gate in _GATED if hasattr(top, sink)}
+    kinds = tuple(getattr(top, sink).name() for sink, _ in known.values())
+    wrong = {target for target in feeds if target.startswith(kinds)} - known.keys()
+    return sorted(wrong) + [
+        sink for alias, (sink, gate) in known.items() if feeds.get(alias) != {getattr(top, gate).alias()}
     ]
 
 
@@ -154,7 +155,8 @@ def _watch_edges(top: Any, log: Callable[[str], None]) -> None:
             for gate in gates_of(top):
                 gate.close(f"transmit stopped: {wrong[0]} is not fed by its Transmit Gate")
             log(
-                f"stopped: {wrong[0]} is not fed by its Transmit Gate alone; connect the gate directly before the sink"
+                f"stopped: {wrong[0]} is not fed by its Transmit Gate alone; connect {RADAR_GATE} and {JAMMER_GATE} "
+                "directly before their sinks, and no other sink"
             )
             top.stop()
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeGuard
 
-__all__ = ["DASH", "interval", "metres", "number", "signed_metres", "table"]
+__all__ = ["DASH", "counted", "interval", "metres", "number", "signed_metres", "table"]
 
 DASH = "\N{EN DASH}"
 
@@ -37,6 +37,11 @@ def metres(value: float | None) -> str:
 def signed_metres(value: float | None) -> str:
     """A bias with its sign, without the unit."""
     return f"{value:+.2f}" if _exists(value) else DASH
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and its noun: ``1 frame``, ``2 frames``."""
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def interval(value: float | None, low: float | None, high: float | None) -> str:
