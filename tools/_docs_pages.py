@@ -99,9 +99,11 @@ def on_page_content(html: str, page: Any, config: Any, **_: Any) -> str:
 
     html = re.sub(r"\bdocs/([\w-]+)\.md\b", link, html)
     html = re.sub(r"<td([^>]*)>(?=[\d\s./e:–≤≥+%()-]+</td>)", r'<td\1 class="numbers">', html)
-    # long names of tests, keys and cases may break there
+    # long names of tests, keys, cases and modules may break there
     html = html.replace(".py::test_", ".py::<wbr>test_")
-    html = re.sub(r"(<td[^>]*>(?:<code>\w+\.(?=\w{5})|\w{20,}_))(?=\w+</)", r"\1<wbr>", html)
+    html = re.sub(
+        r"(<td[^>]*>(?:<code>\w+\.(?=\w{5})|\w{20,}_)|<code>radalt[\w.]*\.)(?=\w+</)", r"\1<wbr>", html
+    )
     html = re.sub(rf"(?<=\d) (?={_UNITS})", "\N{NO-BREAK SPACE}", html)
     html = re.sub(
         r"(?<=>)[^<>]+", lambda text: _WHOLE.sub(r'<span class="whole">\g<0></span>', text[0]), html
