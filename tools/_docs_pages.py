@@ -14,6 +14,9 @@ from typing import Any
 _CODE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#(#*) (.*)$", re.MULTILINE)
 _LINK = re.compile(r"\]\((?:((?:\.\./)?)([\w-]+)\.md)?(?:#([\w-]+))?\)")
+_UNITS = r"%|dBm?\b|[mu]?s\b|k?m\b|ft\b|m/s\b|[kMG]?Hz\b|MS/s\b|[MG]i?B\b"
+# what a line may not break in, though it has hyphens: options, ranges, small numbers
+_WHOLE = re.compile(r"(?<![\w-])--[a-z][\w-]*|-?\b[\d.]+(?:e[-+]?\d+)?\.\.[-+\w.]*\w|\b\d[\d.]*e-\d+")
 
 
 def anchor(heading: str) -> str:
@@ -84,9 +87,25 @@ def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
     return with_links(markdown, pages)
 
 
-def on_page_content(html: str, **_: Any) -> str:
-    """Let a picture lead to its file, for a small screen, and know cells of numbers."""
+def on_page_content(html: str, page: Any, config: Any, **_: Any) -> str:
+    """Let a picture lead to its file, for a small screen, and a page's file to the page; know cells of numbers."""
+    files = {
+        file: f"{files[0]}.html#{file}" for files in config["extra"]["pages"].values() for file in files[1:]
+    }
+    above = "../" * page.url.count("/")
+
+    def link(found: re.Match[str]) -> str:
+        return f'<a href="{above}{files.get(found[1], f"{found[1]}.html")}">{found[0]}</a>'
+
+    html = re.sub(r"\bdocs/([\w-]+)\.md\b", link, html)
     html = re.sub(r"<td([^>]*)>(?=[\d\s./e:–≤≥+%()-]+</td>)", r'<td\1 class="numbers">', html)
-    html = html.replace("::test_", "::<wbr>test_")  # long names may break there
-    html = re.sub(r"(?<=\d) (?=%|dB\b)", "\N{NO-BREAK SPACE}", html)
+    # long names of tests, keys, cases and modules may break there
+    html = html.replace(".py::test_", ".py::<wbr>test_")
+    html = re.sub(
+        r"(<td[^>]*>(?:<code>\w+\.(?=\w{5})|\w{20,}_)|<code>radalt[\w.]*\.)(?=\w+</)", r"\1<wbr>", html
+    )
+    html = re.sub(rf"(?<=\d) (?={_UNITS})", "\N{NO-BREAK SPACE}", html)
+    html = re.sub(
+        r"(?<=>)[^<>]+", lambda text: _WHOLE.sub(r'<span class="whole">\g<0></span>', text[0]), html
+    )
     return re.sub(r'(<img [^>]*src="([^"]*)"[^>]*>)', r'<a href="\2">\1</a>', html)

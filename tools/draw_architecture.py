@@ -137,7 +137,7 @@ def between_rooms(found: Sequence[Import]) -> dict[tuple[str, str], list[Import]
 # -- the figure -----------------------------------------------------------------------------------------------------
 
 _COLUMN, _LINE, _GAP, _EDGE = 300, 12, 34, 16
-# rooms as wide as one of three columns; others are as wide as all three
+# rooms as wide as one of three columns; others share the width of all three with those of their layer
 _NARROW = {
     "core.radio.device": 0,
     "core.interference": 1,
@@ -203,9 +203,12 @@ def draw(package: Path = PACKAGE) -> str:
         '<path d="M0 0 L8 4 L0 8 z" fill="#444"/></marker></defs>',
         f'<rect width="{width}" height="{height}" fill="white"/>',
     ]
+    # below the boxes, whose text stays readable where an arrow passes several layers
+    parts += [
+        _arrow(boxes[source], boxes[target], layer[source] - layer[target]) for source, target in arrows
+    ]
     for room, (x, y, wide, high, lines) in boxes.items():
         parts += _box(room, x, y, wide, high, lines)
-    parts += [_arrow(boxes[source], boxes[target]) for source, target in arrows]
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
@@ -215,12 +218,14 @@ def _places(layer: dict[str, int], package: Path) -> tuple[dict[str, tuple], int
     y = _EDGE
     for level in range(max(layer.values()), -1, -1):
         here = [room for room in ROOMS if layer[room] == level]
-        text = {room: textwrap.wrap(contents(room, package), 44 if room in _NARROW else 150) for room in here}
+        shared = [room for room in reversed(here) if room not in _NARROW]
+        # room -> width, and how many of it to the left
+        place = {room: (_COLUMN, _NARROW[room]) for room in here if room in _NARROW}
+        place |= {room: (3 * _COLUMN // len(shared), k) for k, room in enumerate(shared)}
+        text = {room: textwrap.wrap(contents(room, package), 44 * place[room][0] // _COLUMN) for room in here}
         high = 26 + _LINE * max(map(len, text.values()))
-        for room in here:
-            wide = _COLUMN - 20 if room in _NARROW else 3 * _COLUMN - 20
-            x = _EDGE + 10 + _COLUMN * _NARROW.get(room, 0)
-            boxes[room] = (x, y, wide, high, text[room])
+        for room, (wide, left) in place.items():
+            boxes[room] = (_EDGE + 10 + wide * left, y, wide - 20, high, text[room])
         y += high + _GAP
     return boxes, y - _GAP + _EDGE
 
@@ -238,11 +243,11 @@ def _box(room: str, x: int, y: int, wide: int, high: int, lines: Sequence[str]) 
     ]
 
 
-def _arrow(source: tuple, target: tuple) -> str:
-    """From the lower edge of one box to the upper edge of another, vertical if possible."""
+def _arrow(source: tuple, target: tuple, layers: int) -> str:
+    """From the lower edge of one box to the upper edge of another, vertical if possible; longer ones farther left."""
     left, right = max(source[0], target[0]), min(source[0] + source[2], target[0] + target[2])
     if right > left:
-        x0 = x1 = (left + right) / 2
+        x0 = x1 = left + (right - left) * (0.5 - 0.08 * (layers - 1))
     else:
         x0, x1 = (b[0] + b[2] * share for b, share in ((source, 0.8), (target, 0.2)))
     return (

@@ -58,9 +58,12 @@ def break_point(
 
     Parameters
     ----------
-    sir_db : (n,) decibels, any order
-    pd : (n,) probabilities; NaN (nothing measured) counts as failed.
-    low, high : (n,) bounds of Pd, default ``pd`` itself.
+    sir_db : (n,) float
+        In decibels, in any order.
+    pd : (n,) float
+        Probabilities; NaN (nothing measured) counts as failed.
+    low, high : (n,) float
+        Bounds of Pd; default ``pd`` itself.
     level : float
         Within 0..1.
 
