@@ -58,7 +58,8 @@ if TYPE_CHECKING:
     import numpy as np
     from nowhere import Taps
 
-def method(self, waveform: Waveform, *, taps: Taps = 1, order: int = 2, more: list[np.ndarray] | None = None): ...
+class Method:
+    def __init__(self, waveform: Waveform, *, taps: Taps = 1, order: int = 2, more: list[np.ndarray] | None = None): ...
 
 @dataclass(frozen=True)
 class Emitter:
@@ -74,10 +75,10 @@ def test_annotations_for_type_checkers_alone_convert_nothing(tmp_path, monkeypat
     import checked_only
 
     given = {"taps": "as it is", "order": "3"}
-    assert arguments(checked_only.method, given | {"more": [1]}, "it") == given | {"order": 3, "more": [1]}
+    assert arguments(checked_only.Method, given | {"more": [1]}, "it") == given | {"order": 3, "more": [1]}
     assert build(checked_only.Emitter, given, "it") == checked_only.Emitter("as it is", 3)
     for read in (arguments, build):
-        owner = checked_only.method if read is arguments else checked_only.Emitter
+        owner = checked_only.Method if read is arguments else checked_only.Emitter
         with pytest.raises(ValueError, match="it.order is 'x'; expected a whole number"):
             read(owner, {"order": "x"}, "it")
 
