@@ -73,13 +73,16 @@ class Processes:
             self.end(process)
 
 
-@pytest.fixture(scope="module")
-def dask(tmp_path_factory, root):
+def _processes(tmp_path_factory, root):
     """A scheduler with two workers, one below a nanny, as the command starts it, and one without."""
     with Processes(tmp_path_factory.mktemp("dask"), root) as processes:
         processes.add_worker()
         processes.add_worker("--no-nanny")
         yield processes
+
+
+dask = pytest.fixture(_processes, scope="module", name="dask")
+mortal_dask = pytest.fixture(_processes, name="mortal_dask")  # for tests that kill a part of it
 
 
 def on(dask, folder, **options) -> Options:
@@ -100,16 +103,16 @@ def test_a_task_that_hangs_is_ended_with_one_line_and_its_worker_goes_on(dask, t
     wait_for(lambda: not measuring(dask), "an end of all measuring")
 
 
-def test_what_a_dead_worker_was_measuring_is_measured_by_another(dask, tmp_path):
+def test_what_a_dead_worker_was_measuring_is_measured_by_another(mortal_dask, tmp_path):
     study, ended = Coins((0.1, 0.2, 0.3, 0.4, 0.5, 0.6), pause_s=0.7), []
 
     def end_one(progress):
         if progress.rows and not ended:  # both are measuring: five of six are not there yet
-            ended.append(dask.workers[1].pid)
+            ended.append(mortal_dask.workers[1].pid)
             os.killpg(ended[0], signal.SIGKILL)
-            dask.add_worker("--no-nanny")  # joins while it runs
+            mortal_dask.add_worker("--no-nanny")  # joins while it runs
 
-    run(study, on(dask, tmp_path / "there"), end_one)
+    run(study, on(mortal_dask, tmp_path / "there"), end_one)
     run(dataclasses.replace(study, pause_s=0.0), Options(tmp_path / "here", jobs=1))
     assert rows_of(tmp_path / "there") == rows_of(tmp_path / "here")
 
@@ -243,28 +246,30 @@ def sweep(tmp_path_factory):
     return options, folder / "run"
 
 
-def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
+def test_a_worker_that_is_killed_changes_no_row(mortal_dask, sweep, tmp_path):
     options, whole = sweep
-    process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.address)
+    process = start(*options, "--out", tmp_path / "run", "--scheduler", mortal_dask.address)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
-    os.killpg(dask.workers[-1].pid, signal.SIGKILL)  # one of two that live, whatever ran before
+    os.killpg(mortal_dask.workers[-1].pid, signal.SIGKILL)  # one of two
     out, err = end_of(process, limit_s=100)
     assert (process.returncode, err) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)
     assert "[3/3]" in out
-    wait_for(lambda: not measuring(dask), "an end of all measuring")
+    wait_for(lambda: not measuring(mortal_dask), "an end of all measuring")
 
 
 def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(
-    dask, sweep, tmp_path, measured_here, undrawn
+    mortal_dask, sweep, tmp_path, measured_here, undrawn
 ):
     options, whole = sweep
-    process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.file)
+    process = start(*options, "--out", tmp_path / "run", "--scheduler", mortal_dask.file)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
-    dask.end(dask.scheduler)
+    mortal_dask.end(mortal_dask.scheduler)
     _, err = end_of(process)
     assert process.returncode == 2
-    assert err.startswith(f"ota_eval: the scheduler at {dask.address} was lost") and err.count("\n") == 1
+    assert (
+        err.startswith(f"ota_eval: the scheduler at {mortal_dask.address} was lost") and err.count("\n") == 1
+    )
     words = ("--sim", *options, "--out", tmp_path / "run", "--resume", "--jobs", 1)
     assert ended(ota_eval.main, *words) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)
