@@ -23,13 +23,18 @@ LINK = re.compile(
 )  # to a page, a heading, or a heading of the page itself
 
 
+def _tool(root, name):
+    """A module of tools/, which is no package."""
+    spec = importlib.util.spec_from_file_location(name, root / f"tools/{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def reference(root):
     """The file that `tools/make_scene_reference.py` writes, and what it would write now."""
-    path = root / "tools/make_scene_reference.py"
-    spec = importlib.util.spec_from_file_location("make_scene_reference", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = _tool(root, "make_scene_reference")
     return module.PAGE, module.page()
 
 
@@ -88,11 +93,7 @@ def test_every_shipped_scene_is_named_on_the_page_of_scenes(root):
 @pytest.fixture(scope="module")
 def site(root):
     """`mkdocs.yml`, and the hook that puts pages of several files together."""
-    path = root / "tools/_docs_pages.py"
-    spec = importlib.util.spec_from_file_location("_docs_pages", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return yaml.safe_load((root / "mkdocs.yml").read_text(encoding="utf-8")), module
+    return yaml.safe_load((root / "mkdocs.yml").read_text(encoding="utf-8")), _tool(root, "_docs_pages")
 
 
 def test_every_page_is_in_the_site_once(root, site):

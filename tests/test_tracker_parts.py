@@ -112,6 +112,16 @@ def started(parts: SimpleNamespace, up: int, down: int, seed: int) -> Track:
     return parts.initiator.start(scan, scan.corrected(scan.block.best()))
 
 
+def level_track(blocks: int) -> tuple[SimpleNamespace, Track, Scan, object]:
+    """Parts, a track of level flight after ``blocks`` more blocks, the last scan, and what it measured."""
+    parts = parts_of()
+    track = started(parts, 150, 150, 37)
+    for k in range(blocks):
+        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
+        found = parts.updater.update(track, scan)
+    return parts, track, scan, found
+
+
 def test_a_pair_of_another_doppler_is_no_continuation_while_the_speed_is_unknown():
     """Up a cell higher and down a cell lower is the same altitude and 17 m/s more; four of each are another pair."""
     for apart, same in ((0, True), (1, True), (4, False)):
@@ -190,11 +200,7 @@ def test_a_young_track_does_not_move_to_a_pair_whose_doppler_its_altitudes_contr
 
 def test_an_altitude_that_contradicts_its_prediction_is_not_given_until_the_next_one_agrees():
     """After coasting the gate is wide: a strong pair of lobes may lie in it, farther off than its level says."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
-    for k in range(10):
-        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
-        found = parts.updater.update(track, scan)
+    parts, track, scan, found = level_track(10)
     assert parts.integrity.undisputed(track, scan, found)
     track.filter.covariance[0, 0] = 36.0
     given = []
@@ -220,11 +226,7 @@ def test_no_altitude_is_given_beside_a_return_nearly_as_strong_far_above_or_belo
 @pytest.mark.parametrize(("received", "given"), [(0.0, True), (12.0, False)])
 def test_no_altitude_is_given_beside_a_return_near_by_that_the_method_has_taken_away(received, given):
     """Interference that hides both in the received frames, strong in one of them, shows nothing."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
-    for k in range(11):
-        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
-        found = parts.updater.update(track, scan)
+    parts, track, scan, found = level_track(11)
     before = showing(parts, 150, 150, 90, power=received).block.ratio
     near_by = np.array([0.5, 1.0, 0.5], dtype=np.float32)
     if received:
@@ -239,11 +241,7 @@ def test_no_altitude_is_given_beside_a_return_near_by_that_the_method_has_taken_
 def test_a_step_of_the_ground_in_the_last_quarter_contradicts_and_interference_in_a_part_of_the_band_does_not(
     late,
 ):
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
-    for k in range(11):
-        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
-        found = parts.updater.update(track, scan)
+    parts, track, scan, found = level_track(11)
     ratio = scan.block.ratio
     if late:  # little of the return is left
         ratio[30:], ratio[30:, :, 240] = showing(parts, 150, 150, 91, power=1.5).block.ratio[30:], late
@@ -425,11 +423,7 @@ def test_a_speed_just_beyond_the_allowed_is_one_by_its_error():
 
 
 def test_a_doppler_of_the_other_sign_within_its_error_is_no_exchange_of_i_and_q():
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
-    for k in range(11):
-        scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
-        found = parts.updater.update(track, scan)
+    parts, track, scan, found = level_track(11)
     slope, _ = track.speed_by_altitudes(1e-3, track.latest.altitude_variance_m2)
     track.doppler_m_per_s = -slope
     assert parts.integrity.undisputed(track, scan, found)
