@@ -284,9 +284,9 @@ def headline(rows: Sequence[Row]) -> str:
     trials = int(rows[0]["trials"])
     low, _ = wilson_interval(trials, trials)
     return (
-        "Under QPSK on 27 % of the sweep at full overlap, the break-point of `tcae` is lower than that of `whitening` "
-        f"by {min(gains_db):.1f} to {max(gains_db):.1f} dB** ({trials} of {trials} frames right are a Pd of "
-        f"{low:.2f} to 1)"
+        "Under delayed QPSK on 27 % of the sweep at full overlap, the break-point of `tcae` is lower than that of "
+        f"`whitening` by {min(gains_db):.1f} to {max(gains_db):.1f} dB** ({trials} of {trials} frames right are "
+        f"a Pd of {low:.2f} to 1)"
     )
 
 
@@ -316,7 +316,7 @@ def draw(rows: Sequence[Row], path: Path, emitters: str = EMITTERS) -> None:
         axis.xaxis.set_minor_formatter("")
         axis.grid(alpha=0.3)
         axis.set_xlabel("swept bandwidth / MHz")
-    axes[0].set_title("QPSK, 27 % of the sweep", fontsize=10)
+    axes[0].set_title("QPSK, delayed, 27 % of the sweep", fontsize=10)
     axes[1].set_title("5G, 5 MHz (10 from 20 on)", fontsize=10)
     axes[0].set_ylabel("break-point SIR / dB")
     handles = axes[0].get_legend_handles_labels()
