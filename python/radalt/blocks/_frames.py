@@ -8,22 +8,6 @@ import pmt
 from ..core.programme import SentAltitudes
 from ..core.receiver.segmenter import Frame
 
-__all__ = [
-    "FRAME_KEY",
-    "RX_TIME_KEY",
-    "SENT_KEY",
-    "TagError",
-    "frame_ring",
-    "frame_tag",
-    "gather_frames",
-    "read_frame_tags",
-    "read_sent_tag",
-    "say_once",
-    "sent_tag",
-    "time_counter",
-    "time_tag",
-]
-
 FRAME_KEY = pmt.intern("radalt_frame")
 RX_TIME_KEY = pmt.intern("rx_time")
 SENT_KEY = pmt.intern("radalt_altitude")

@@ -15,8 +15,6 @@ from threadpoolctl import threadpool_limits
 from ..core.cores import join_home
 from ..core.mitigation.base import MitigationError
 
-__all__ = ["WORK_DONE", "guarded", "in_turns", "raise_stored", "raised"]
-
 WORK_DONE = -1  # GNU Radio's return value of a ``work`` whose stream has ended
 
 raised: list[

@@ -14,8 +14,6 @@ from ..core.scene import Scene
 from ._frames import gather_frames
 from ._guard import WORK_DONE, guarded
 
-__all__ = ["JammerSource"]
-
 
 class JammerSource(gr.sync_block):
     """Base of the jammer sources; parameters as in `JammerStream`, the waveform and programme from the scene."""

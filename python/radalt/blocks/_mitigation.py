@@ -12,8 +12,6 @@ from ..core.mitigation import Mitigation, OwnProcess
 from ._frames import frame_ring
 from ._guard import guarded
 
-__all__ = ["MitigationBlock"]
-
 _TIMES = 20_000  # processing times kept, frames: 20 s of the default sweep
 
 

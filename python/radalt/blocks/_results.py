@@ -10,8 +10,6 @@ import numpy as np
 
 from ..core.receiver.altimeter import RESULT_DTYPE, Reason
 
-__all__ = ["Ring", "json_text", "result_fields"]
-
 
 class Ring:
     """The last ``capacity`` rows of a structured array; one thread may append while others read."""

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["BoundedWriter"]
-
 _CHUNKS = 256  # length of the queue, chunks; a chunk is what one call of a block receives
 
 

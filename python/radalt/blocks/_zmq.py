@@ -7,9 +7,6 @@ from typing import Any
 
 from ..core.radio.endpoint import BoundedListener
 
-__all__ = ["BoundSocket"]
-
-
 _LINGER_MS = 200  # for the last results on their way to the listener, on this machine
 
 

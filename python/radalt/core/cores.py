@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["allowed_cores", "join_home", "leave_home", "return_home"]
-
 _home = -1  # the interpreter's core; -1 before one is chosen
 _beside = 0  # number of this program's method processes
 

@@ -6,8 +6,6 @@ import contextlib
 import signal
 from collections.abc import Iterator
 
-__all__ = ["ctrl_c_waits"]
-
 
 @contextlib.contextmanager
 def ctrl_c_waits() -> Iterator[None]:

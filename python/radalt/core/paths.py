@@ -7,16 +7,6 @@ import re
 import sys
 from pathlib import Path
 
-__all__ = [
-    "model_path",
-    "no_gnu_radio",
-    "remedy",
-    "say_other_installation",
-    "scene_names",
-    "scene_path",
-    "share_dir",
-]
-
 
 def share_dir() -> Path:
     """The folder that holds ``flowgraphs/`` and ``models/``.

@@ -9,8 +9,6 @@ from __future__ import annotations
 import importlib
 import os
 
-__all__ = ["VARIABLE", "load_plugins"]
-
 VARIABLE = "RADALT_PLUGINS"
 
 

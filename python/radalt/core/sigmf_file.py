@@ -20,8 +20,6 @@ import numpy as np
 from .parsing import LARGEST, InputError, check_file, read_text, shown
 from .paths import remedy
 
-__all__ = ["SigmfFile", "open_raw", "open_sigmf"]
-
 _COMPLEX = re.compile(r"c(f(32|64)|[iu](8|16|32))(?:_le|_be)?")
 _NAMESPACES, _ENDINGS = ("core", "radalt"), (".sigmf-meta", ".sigmf-data")
 _META_BYTES = 64 << 20  # largest metadata, bytes: some 100,000 annotations

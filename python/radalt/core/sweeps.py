@@ -7,8 +7,6 @@ import numpy as np
 from .programme import SentAltitudes
 from .waveform import Waveform
 
-__all__ = ["SentSweeps"]
-
 _KEPT = 64  # cached sweeps, one per altitude: 60 KB each at the default waveform
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["MOST", "one_line", "said"]
-
 MOST = 300  # longest message, characters: four lines of a terminal
 # the folders of an absolute path
 _FOLDERS = re.compile(r"""(?<![\w.:/])(?:/[^\s/,;:"'()]+){2,}/""")

@@ -22,8 +22,6 @@ from types import ModuleType
 
 from ..core.paths import share_dir
 
-__all__ = ["Program", "load", "main", "programs", "summaries"]
-
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
 _TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # commands until 0.2.0

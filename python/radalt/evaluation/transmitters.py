@@ -17,8 +17,6 @@ import numpy as np
 if TYPE_CHECKING:
     from gnuradio import gr
 
-__all__ = ["TRANSMITTERS", "Transmitter", "transmit"]
-
 _LIMIT_S = 300.0  # longest run of a transmitter, s
 _TS_PACKET = 188  # transport packet, bytes, ISO/IEC 13818-1
 _SYNC = 0x47  # its first byte

@@ -9,8 +9,6 @@ from scipy import fft
 
 from ..fir import kaiser_window
 
-__all__ = ["HALF_TAPS", "MOST_BLOCKS", "STEPS", "DelayLine"]
-
 HALF_TAPS = 64  # half length of the interpolation kernel, samples: flat to 97 % of the band
 # Resolution of a drifting delay, steps per sample: an error of at most 4 cm of altitude at 7.5 MS/s.
 STEPS = 256

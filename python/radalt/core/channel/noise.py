@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["ReceiverNoise"]
-
 
 class ReceiverNoise:
     """Circular complex white Gaussian noise in blocks of one length, added in place.

@@ -19,8 +19,6 @@ from ..fir import kaiser_lowpass
 from ..waveform import Waveform, exp_cycles
 from .if_waveform import SIMULATION_FACTOR, IfWaveform
 
-__all__ = ["Emitter", "Ofdm", "OtherAltimeter", "Pulses", "Qpsk", "Tone", "interference_if"]
-
 _PULSE_OVERSAMPLING = 16  # rate at which pulses are computed, over the simulation rate
 _ROLL_OFF = 0.25  # of QPSK's root-raised-cosine pulse
 _SPAN = 12  # symbols to either side at which that pulse is cut: its tail is 50 dB down

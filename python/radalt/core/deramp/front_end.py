@@ -12,8 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-__all__ = ["Amplifier", "Converter", "EnvelopeGain"]
-
 _SHARPNESS = 3  # s of the saturation law: third order stays within 0.07 dB of the cubic up to P1dB - 15 dB
 _NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6
 

@@ -14,8 +14,6 @@ from ..returns.terrain.antenna import Antenna
 from ..returns.terrain.ground import Reflectivity
 from ..waveform import C_M_PER_S, Waveform, altitude_to_delay_s, exp_cycles
 
-__all__ = ["DiffuseGround", "facet_frame"]
-
 _GRID = 4  # beat grid, steps per resolution cell: a facet's phase error is an eighth of a cycle at most
 _EDGE_DEG = (
     50.0  # off-nadir angle up to which there are facets: a beam of 40 degrees is 37 dB down there, two-way

@@ -19,8 +19,6 @@ from scipy import fft
 from ..fir import kaiser_lowpass
 from ..waveform import Waveform
 
-__all__ = ["SIMULATION_FACTOR", "IfWaveform", "white_noise"]
-
 # Simulation rate over IF rate: the sweep moves by 3 MHz in one symbol of 15 kHz subcarriers at 43 GHz/s (150 MHz in
 # 3.5 ms), and all of a symbol that comes near the IF has to lie within the simulated band.
 SIMULATION_FACTOR = 5

@@ -31,8 +31,6 @@ from ..waveform import SHAPES
 from .front_end import Amplifier, Converter
 from .if_waveform import IfWaveform
 
-__all__ = ["STANDINGS", "Profile", "load_profile", "profile_names"]
-
 STANDINGS = ("read in source", "secondary", "assumed")
 _TEMPERATURE_K = 290.0
 _WORDS = {

@@ -12,8 +12,6 @@ from .emitters import NamedEmitter
 from .placement import Emitter
 from .receiver_filter import decimate_window, random_window, window_guard
 
-__all__ = ["AmplifiedEmitter", "Amplifier"]
-
 # Rate of the amplifier over the radar's: products up to the seventh order alias outside the carrier.
 _OVERSAMPLING = 4
 

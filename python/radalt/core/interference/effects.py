@@ -22,17 +22,6 @@ from .emitters import NamedEmitter
 from .multipath import FadedEmitter, FadingChannel, faded
 from .placement import Emitter
 
-__all__ = [
-    "WINDOW_FRAMES",
-    "ImpairedEmitter",
-    "Impairments",
-    "Oscillator",
-    "PhaseNoise",
-    "Running",
-    "impaired",
-    "parts",
-]
-
 # Guard on either side of a block, samples, for the tails of fractional delays; the outer half is tapered.
 _GUARD = 128
 _TAPER = np.hanning(_GUARD + 2)[1 : _GUARD // 2 + 1]

@@ -12,8 +12,6 @@ from ..waveform import Waveform
 from .effects import WINDOW_FRAMES, ImpairedEmitter, Running
 from .placement import Emitter, Interferer, interference_frames
 
-__all__ = ["Continued", "JammerStream"]
-
 
 class Continued:
     """An emitter that is continuous from frame to frame: one window spans many frames, each call takes the next part.

@@ -23,20 +23,6 @@ from scipy import fft
 from ..waveform import Waveform
 from .base import MitigationError
 
-__all__ = [
-    "COLUMNS",
-    "FILTER_HOPS",
-    "HOP",
-    "SERVED",
-    "Layout",
-    "dft_tables",
-    "factors_of",
-    "filterbank_norm",
-    "layout_of",
-    "resampled",
-    "tables_of",
-]
-
 # Layout with which `compact` was trained: Waveform(), 1500 m.
 HOP, COLUMNS, GROUP = 30, 250, 15  # samples per column, columns per frame, cells per spectral gain
 FILTER_HOPS = 3  # length of a filter, hops

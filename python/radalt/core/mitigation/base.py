@@ -13,19 +13,6 @@ from scipy.linalg import blas
 from ..waveform import Waveform
 from .beyond_span import BeyondSpan
 
-__all__ = [
-    "METHODS",
-    "Mitigation",
-    "MitigationError",
-    "PlotStyle",
-    "finite_frames",
-    "peak_scale",
-    "rail_peak",
-    "register",
-    "unit_peak",
-]
-
-
 _RESERVED = ("custom", "mitigation")  # the method of a file, and no method's name
 
 

@@ -14,8 +14,6 @@ from scipy import fft, ndimage
 from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform
 
-__all__ = ["BeyondSpan"]
-
 # Resolution cells beyond the highest altitude from which the altimeter itself declares no return.
 _MARGIN_CELLS = 2
 # Probability per frame of noise that its strongest pair is taken for a return: far below the altimeter's false alarms.

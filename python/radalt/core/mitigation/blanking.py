@@ -10,8 +10,6 @@ from ..returns.point import point_return
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
-__all__ = ["Blanking"]
-
 _SAMPLE = 17  # stride of the sample in cells: no divisor of a window, so that all frequencies are sampled
 
 

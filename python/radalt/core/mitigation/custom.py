@@ -17,8 +17,6 @@ from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .rehearsal import MOST_BYTES, rehearse
 
-__all__ = ["Custom"]
-
 _CONTRACT = "it needs a function mitigate(frames, waveform) or one subclass of Mitigation"
 
 

@@ -13,8 +13,6 @@ import numpy as np
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError
 
-__all__ = ["MethodLike", "as_methods", "function_method"]
-
 # a registry name, a class of method, or a function of (n, N) complex64 frames and the waveform
 _Function: TypeAlias = Callable[[np.ndarray, Waveform], np.ndarray]
 MethodLike: TypeAlias = str | type[Mitigation] | _Function

@@ -16,8 +16,6 @@ from .qpsk_cancel import QpskCancel
 from .tcae import LOST_DB, Tcae
 from .whitening import Whitening
 
-__all__ = ["Hybrid"]
-
 _OTHERS = ("tcae", "whitening")
 # Cost that searches may have per frame, in FFTs of 7,500 points at 7.5 MS/s: a quarter of real time where such an FFT
 # takes 40 us (docs/real-time.md), of which tracking, the network and the flowgraph need the rest

@@ -6,8 +6,6 @@ import numpy as np
 
 from .base import Mitigation, PlotStyle
 
-__all__ = ["Identity"]
-
 
 class Identity(Mitigation):
     """Frames pass unchanged."""

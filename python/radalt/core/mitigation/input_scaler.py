@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 
-__all__ = ["NORMALISATIONS", "InputScaler"]
-
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits

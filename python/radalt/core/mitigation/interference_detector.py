@@ -20,8 +20,6 @@ from scipy import fft
 from ..waveform import Waveform
 from .base import unit_peak
 
-__all__ = ["InterferenceDetector"]
-
 _THRESHOLD_DB = -8.0  # residual over return, dB, from which a frame counts as interfered (see the class)
 _REACH = 24  # cells on either side of the peak: 99 % of a tone that straddles two cells
 # Noise gives 1.92 to 2.06 (up to 2.2 in frames of 400 samples), NR wider than the sweep 2.0 to 3, everything else 2.7

@@ -13,8 +13,6 @@ from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError, PlotStyle
 
-__all__ = ["BlockLms", "BlockLmsReferenceInput", "Nlms"]
-
 # Weights of a filter that maps a signal onto a unit-power one never need to be this large; beyond it the recursion
 # has left the region of convergence and the next blocks only overflow.
 _WEIGHT_LIMIT = 1e6

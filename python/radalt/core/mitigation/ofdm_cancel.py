@@ -21,8 +21,6 @@ from .ofdm.tone_removal import without_tones
 from .ofdm.tracking import TrackingState, grid_of, next_state, tracked
 from .outcome import PASSED, Outcome
 
-__all__ = ["OfdmCancel"]
-
 _PRICED = 7500  # samples of the frame for which steps are priced
 _TINY = float(np.finfo(np.float32).tiny)
 _VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = (

@@ -18,8 +18,6 @@ from ..interrupts import ctrl_c_waits
 from ..paths import remedy
 from .base import MitigationError
 
-__all__ = ["PROVIDERS", "OnnxNetwork", "gpu_there", "network_files"]
-
 # ONNX Runtime's packages report every session to their maker unless this is set before they are imported.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 

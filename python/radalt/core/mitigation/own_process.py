@@ -23,8 +23,6 @@ from ..cores import leave_home, return_home
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 
-__all__ = ["OwnProcess"]
-
 _FRAMES = 64  # received frames, and cleaned frames, in the shared memory
 _START_S = 120.0  # longest wait until a method is built, s: a network on a loaded machine takes tens
 _END_S = 5.0  # longest wait until a closed process has ended, s

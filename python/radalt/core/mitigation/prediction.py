@@ -13,8 +13,6 @@ from ..fir import tukey_window
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
-__all__ = ["LinearPrediction", "NlmsPredictor"]
-
 _BLOCK = 8  # samples with the same weights: 20 and more are unstable on a tone at a step of 0.1
 _TAPER = (
     0.1  # tapered share of the frame: more would weight the return, which sweeps through the band in time

@@ -17,8 +17,6 @@ from .qpsk.symbol_timing import find_symbol_timings
 from .qpsk.tracking import Tracker, can_track
 from .qpsk.zero_order_hold import cancel_zero_order_hold
 
-__all__ = ["QpskCancel"]
-
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
 # FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one detection
 # in the frame and three trials of symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds

@@ -20,8 +20,6 @@ from ..parsing import InputError, check_file
 from ..waveform import Waveform
 from .base import MitigationError
 
-__all__ = ["LIMIT_S", "MOST_BYTES", "rehearse"]
-
 LIMIT_S = 60.0  # longest time for loading and one frame, s; a network takes a second or two
 # Method of each kind of file, and its option that names the file.
 _METHODS = {"method file": ("custom", "file"), "tcae model": ("tcae", "model")}

@@ -18,8 +18,6 @@ from ..waveform import Waveform, exp_cycles
 from .base import finite_frames, peak_scale
 from .interference_detector import InterferenceDetector
 
-__all__ = ["ShiftCheck"]
-
 _SHIFT_CELLS = 5.0  # shift, resolution cells; 3, 5 and 8 find the same
 _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
 _SLOW_M_PER_S = 10.0  # vertical speed that almost no frame of a flight exceeds

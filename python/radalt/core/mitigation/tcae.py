@@ -20,8 +20,6 @@ from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there, network_files
 from .rehearsal import rehearse
 from .shift_check import ShiftCheck
 
-__all__ = ["CONTRACT_KEYS", "LOST_DB", "Tcae", "default_model_path"]
-
 # metadata every model carries
 CONTRACT_KEYS = (
     "radalt_frame_samples",

@@ -12,8 +12,6 @@ from typing import Any
 
 from .messages import CONTROL, InputError, shown
 
-__all__ = ["check_file", "load_yaml", "read_bytes", "read_text"]
-
 _DIGITS = 19  # longest integer in YAML, digits: as many as 64 bits hold
 _MEGA = 1 << 20  # bytes in a MiB
 _YAML_BYTES = _MEGA  # largest YAML file, bytes: ten times the longest scene; PyYAML takes 15 s for it

@@ -22,8 +22,6 @@ import numpy as np
 
 from .messages import CONTROL, did_you_mean, shown
 
-__all__ = ["LARGEST", "arguments", "build", "convert", "plain", "quantity", "whole"]
-
 LARGEST = 1e12  # largest magnitude of a quantity in any unit: its square stays finite in float32
 # largest magnitude by the unit in which a name ends; wider than any use, and powers of ten, squares and tables of it
 # stay finite

@@ -16,15 +16,6 @@ from pathlib import Path
 
 from ..parsing import InputError, load_yaml
 
-__all__ = [
-    "CalibrationError",
-    "CalibrationKey",
-    "calibration_path",
-    "load_latency_samples",
-    "store_latency_samples",
-]
-
-
 _MOST_SAMPLES = 1e9  # largest magnitude of a latency, samples: two minutes at 7.5 MS/s
 
 

@@ -15,15 +15,6 @@ from typing import Any, NoReturn
 
 from ..parsing import shown
 
-__all__ = [
-    "COMMANDS",
-    "CONTROL_VERSION",
-    "MAX_REQUEST_BYTES",
-    "Request",
-    "RequestError",
-    "parse_request",
-]
-
 CONTROL_VERSION = 1  # version of the protocol above
 COMMANDS = ("get", "set", "reacquire", "stop")
 MAX_REQUEST_BYTES = 65_536  # longest request, bytes: a thousand times a usual one

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 from ..plugins import load_plugins
 
-__all__ = ["B210", "DEVICES", "Device", "device", "register"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Device:

@@ -22,8 +22,6 @@ from typing import Any
 
 from ..parsing import shown
 
-__all__ = ["BoundedListener", "check_endpoint"]
-
 CONNECTIONS = 16  # most connections, four descriptors each; one more closes the one idle for longest
 CHUNK_BYTES = 65_536  # bytes per read from a connection: the default size of a pipe
 _DELIVERY_S = 0.5  # s, for what was sent before the end, to a peer that takes it

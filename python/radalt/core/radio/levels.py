@@ -14,14 +14,6 @@ import numpy as np
 from ..interference.stream import JammerStream
 from ..scene import RadioSpec, Scene
 
-__all__ = [
-    "Drive",
-    "drive",
-    "jammer_stream_args",
-    "radar_stream_args",
-    "rx_level_dbm",
-]
-
 _HEADROOM = (
     0.7  # largest sample over the converter's full scale: interpolation filters overshoot by up to 3 dB
 )

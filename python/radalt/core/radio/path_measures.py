@@ -9,8 +9,6 @@ import numpy as np
 
 from ..waveform import Waveform
 
-__all__ = ["burst_share", "clipped_percent", "db", "mean_power", "ripple_and_image", "strongest_lines"]
-
 _RAIL = 0.998  # share of full scale that counts as clipped: a 12-bit converter ends at 2047 / 2048
 _INNER = 0.8  # share of the band that is measured; beyond it the radios' half-band filters roll off
 _PIECES = 30  # pieces of the band in which the flatness is averaged

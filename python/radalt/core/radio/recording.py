@@ -21,8 +21,6 @@ from ..parsing import InputError, shown
 from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
 from ..sigmf_file import SigmfFile, open_sigmf
 
-__all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
-
 _BLOCK = 1 << 18  # samples per read: 2 MB
 _MAX_TERM = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
 _RATE_PPM = (

@@ -14,8 +14,6 @@ import numpy as np
 from ..scene import Scene
 from .interlock import InterlockError, require_enclosure
 
-__all__ = ["WATCHDOG_S", "TransmitGate"]
-
 WATCHDOG_S = 1.0  # longest silence of remote control, s; after it a controlled gate passes zeros
 
 

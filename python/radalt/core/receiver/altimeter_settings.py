@@ -10,8 +10,6 @@ import numpy as np
 from ..parsing import LARGEST, check_range
 from ..waveform import Waveform
 
-__all__ = ["FASTEST_M_PER_S", "AltimeterSettings", "RESULT_DTYPE", "Reason", "pfa_is_per_frame"]
-
 # Vertical speed allowed per frame where neither scene nor settings name one, in m/s: 3,900 ft/min, more than approaches
 # and climbs have
 SPEED_M_PER_S = 20.0

@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Cfar", "Significance", "repeated", "support_of"]
-
 _BLOCK = 8.0  # resolution cells in a block of the test for colour
 _QUARTILES = 1.35  # standard deviations between the quartiles of a normal distribution
 # Spread of block levels over that of white noise: white up to the first value, coloured from the second on.

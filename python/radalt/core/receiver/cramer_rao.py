@@ -6,8 +6,6 @@ import numpy as np
 
 from ..waveform import C_M_PER_S, Waveform
 
-__all__ = ["beat_crb_hz", "altitude_crb_m", "vertical_speed_crb_m_per_s"]
-
 
 def beat_crb_hz(waveform: Waveform, snr_db: np.ndarray | float) -> np.ndarray:
     """Standard deviation bound in hertz of one half sweep's beat frequency, phase and amplitude unknown.

@@ -9,8 +9,6 @@ from scipy.linalg import blas
 
 from ..fir import kaiser_lowpass
 
-__all__ = ["Decimator"]
-
 _THREADS = 16  # threads for which buffers are kept; a flowgraph has an altimeter for each method
 
 

@@ -12,8 +12,6 @@ from .summed_block import OWN_CELLS, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
-__all__ = ["Deleter"]
-
 # Mean over ten blocks of the normalised innovation squared, above which a track contradicts its measurements. A
 # consistent track has 1 and exceeds 8 in none of 1e9 blocks (chi square of ten values).
 _INCONSISTENT = 8.0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["centroid_of", "edge_of"]
-
 
 def centroid_of(power: np.ndarray, cell: int) -> float:
     """Power centroid of the run of cells around ``cell`` above a tenth of its power."""

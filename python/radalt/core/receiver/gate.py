@@ -10,8 +10,6 @@ from .scan import Scan
 from .summed_block import Measurement
 from .track import Track
 
-__all__ = ["GATE_SIGMAS", "SPARE_SIGMAS", "Gate", "noise_threshold"]
-
 # Standard deviations by which a measured speed may exceed the greatest speed allowed. More would accept the apparent
 # speed of a grating lobe of one half sweep.
 SPARE_SIGMAS = 2.0

@@ -14,8 +14,6 @@ from .track import Evidence, Kalman, Track
 from .tracker_settings import TrackerSettings
 from .updater import Updater
 
-__all__ = ["Initiator"]
-
 # Number of candidates: one may be a grating lobe, which stays as long as the interference does, so the return needs a
 # second one.
 _CANDIDATES = 2

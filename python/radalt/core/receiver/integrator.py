@@ -12,8 +12,6 @@ import numpy as np
 from ..returns.point import point_return
 from .altimeter import Altimeter, Spectra
 
-__all__ = ["Integrator", "upper_median"]
-
 # Dynamic range of one half sweep, linear (23 dB): the noise level is not estimated below the fourth side lobe of
 # its strongest line, 1 / (4.5 pi)^2, so that the side lobes of a strong return do not count as returns.
 _DYNAMIC_RANGE = 200.0

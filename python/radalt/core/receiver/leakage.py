@@ -18,16 +18,6 @@ from numpy.polynomial import legendre
 
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
 
-__all__ = [
-    "FITTED_ABOVE_M",
-    "LEARN_ABOVE_M",
-    "REACH_M",
-    "SHAPES",
-    "LeakageCalibration",
-    "LeakageCanceller",
-    "ground_is_apart",
-]
-
 # Delays that count as leakage, in metres of altitude from the leakage's own: cables and antennas beside each other to
 # the landing gear of an airliner
 NEAREST_M, REACH_M = -3.0, 15.0

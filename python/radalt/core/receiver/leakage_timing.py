@@ -11,8 +11,6 @@ from .leakage import REACH_M, LeakageCanceller
 from .segmenter_settings import SegmenterSettings
 from .sweep_finder import ALONE, SweepFinder
 
-__all__ = ["LeakageTiming"]
-
 # Share of the calibrated amplitude by which a leakage may differ from the calibration: half of it is a phase offset of
 # 0.5 rad, or a ground half as strong as the leakage within a sample of it.
 _UNLIKE = 0.5

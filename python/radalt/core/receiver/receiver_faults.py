@@ -8,8 +8,6 @@ from ..waveform import Waveform
 from .repeated_frames import RepeatedFrames
 from .sweep_finder import SweepFinder
 
-__all__ = ["ReceiverFaults"]
-
 # Number of samples that distinguish frames: hard clipping leaves two bits of each sample, and behind a converter,
 # noise of half a step leaves one sample in three unchanged.
 _MARKS = 32

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["RepeatedFrames"]
-
 _MEMORY_S = (
     1.0  # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
 )

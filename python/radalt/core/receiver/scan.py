@@ -8,8 +8,6 @@ from functools import cached_property
 
 from .summed_block import Block, Measurement
 
-__all__ = ["Scan"]
-
 # Least standard deviations of one measurement. Interference that lasts keeps both up from block to block, so a mean
 # over blocks is no better: measured behind `tcae` below 5 MHz NR (docs/tracker.md, protection level).
 _ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5

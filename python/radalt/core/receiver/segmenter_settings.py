@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from ..parsing import check_range
 
-__all__ = ["SegmenterSettings"]
-
 
 @dataclass(frozen=True)
 class SegmenterSettings:

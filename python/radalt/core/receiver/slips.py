@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["MEMORY_FRAMES", "MOST_LOST_FRAMES", "Slips"]
-
 MOST_LOST_FRAMES = 64  # most whole frames that are lost at once without a tag
 MEMORY_FRAMES = 50  # frames for which a contradicted frame is remembered, and timing counts as verified
 

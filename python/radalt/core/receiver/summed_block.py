@@ -9,8 +9,6 @@ from scipy import ndimage, signal
 
 from .integrator import Integrator, upper_median
 
-__all__ = ["OWN_CELLS", "Block", "Entry", "Measurement"]
-
 # Variance of log(1 + x) for x exponential of mean 1, by numerical integration: what one cell of noise adds per frame.
 _VARIANCE = 0.1763
 # Resolution cells from a peak to the first null of an unweighted sweep: beyond it are other returns.

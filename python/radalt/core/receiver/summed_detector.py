@@ -12,8 +12,6 @@ from scipy import fft, ndimage, special
 from ..waveform import Waveform, delay_to_altitude_m
 from .tracker_settings import Status
 
-__all__ = ["CounterDetector", "SummedDetector"]
-
 _PADDING = 2  # spectral cells per resolution cell
 _OFFSETS = np.linspace(-0.7, 0.7, 57)
 # powers left of, at and right of a line's peak

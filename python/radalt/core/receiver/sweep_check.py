@@ -8,8 +8,6 @@ from ..waveform import Waveform, altitude_to_delay_s
 from .segmenter_settings import SegmenterSettings
 from .sweep_finder import ALONE, SweepFinder
 
-__all__ = ["NOT_CHECKED", "SweepCheck"]
-
 # Largest error of a delay, samples: by the matched filter, by the correlation.
 _TOLERANCE, _COARSE = 0.4, 1.0
 NOT_CHECKED = "not checked", 0.0, _COARSE

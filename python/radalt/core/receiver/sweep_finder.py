@@ -13,8 +13,6 @@ from ..waveform import Waveform, altitude_to_delay_s
 from .altimeter import AltimeterSettings, shared_altimeter
 from .segmenter_settings import SegmenterSettings
 
-__all__ = ["ALONE", "SweepFinder"]
-
 _FRACTION = 0.25  # least fractional delay that is reported, samples: 5 m at the default rate
 _FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
 # Least power of the sweep's peak over any other beyond its flanks (samples): a burst of narrow-band interference

@@ -10,8 +10,6 @@ import numpy as np
 from .altimeter_settings import Reason
 from .cfar import Cfar, Significance, repeated
 
-__all__ = ["FLOOR", "Found", "PairSearch"]
-
 # Least significance of each half sweep on its own: noise exceeds it in 5 %.
 FLOOR = 3.0
 _CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank

@@ -9,8 +9,6 @@ import numpy as np
 
 from .summed_block import Measurement
 
-__all__ = ["Evidence", "Kalman", "Track"]
-
 # Latest altitudes whose slope is a track's speed: one second of outputs, over which an aircraft's speed holds.
 _FITTED = 25
 # Resolution cells from a peak between which the asymmetry of an extended return is measured: from where its main lobe

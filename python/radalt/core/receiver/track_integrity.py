@@ -13,8 +13,6 @@ from .summed_block import Block, Entry, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
-__all__ = ["Integrity"]
-
 # Distance, resolution cells, of the first grating lobe of a sweep in which a method has left holes.
 _GRATING_CELLS = 2.0
 # Resolution cells within which side and grating lobes lie; a second return differs from them by being one-sided.

@@ -8,8 +8,6 @@ import numpy as np
 
 from ..parsing import check_range
 
-__all__ = ["OUTPUT_DTYPE", "State", "Status", "TrackerSettings"]
-
 
 class Status:
     """Status of an output, as the sign/status matrix of an ARINC 429 BNR word has it; ``status`` field.

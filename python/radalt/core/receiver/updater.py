@@ -10,8 +10,6 @@ from .summed_block import Block, Measurement
 from .track import Track
 from .track_integrity import Integrity
 
-__all__ = ["Updater"]
-
 # Blocks in a row in which a track's altitudes contradict its Doppler: what stands there is a grating lobe. One alone
 # may be interference that pulls one half sweep.
 _LOBE_BLOCKS = 2

@@ -8,8 +8,6 @@ from scipy.constants import Boltzmann
 
 from ..parsing import check_range
 
-__all__ = ["RadarLink"]
-
 
 @dataclass(frozen=True)
 class RadarLink:

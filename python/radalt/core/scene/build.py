@@ -11,8 +11,6 @@ from ..returns.landing import TerrainPlayer
 from ..sweeps import SentSweeps
 from .scene import Scene
 
-__all__ = ["channel_of", "jammer_of", "segmenter_of", "sweeps_of"]
-
 
 def sweeps_of(scene: Scene) -> SentSweeps:
     """Transmitted sweeps of the radar."""

@@ -11,8 +11,6 @@ from ..receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..waveform import Waveform
 from .scene import Scene
 
-__all__ = ["AltitudeStrip", "RangeProfile", "by_hand"]
-
 _FLOOR_DB = -200.0  # value shown for zero power, dB
 
 

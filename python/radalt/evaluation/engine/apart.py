@@ -10,8 +10,6 @@ from typing import Any
 
 from .pool import WorkerError
 
-__all__ = ["call_apart"]
-
 _MARK = "RESULT "  # begins the line of the result; other lines are the called code's own
 _CODE = """
 import os, sys

@@ -37,8 +37,6 @@ try:
 except ImportError:
     raise WorkerError("--scheduler needs Dask's package distributed: pip install distributed") from None
 
-__all__ = ["Cluster", "Measurer", "installed"]
-
 CONNECT_S = 10.0  # longest wait for the scheduler, s
 WORKERS_S = 60.0  # longest time without any worker, s
 _FILE_BYTES = 1 << 20  # largest scheduler file, bytes: Dask's have about 1,000

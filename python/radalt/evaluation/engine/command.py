@@ -18,8 +18,6 @@ from .publish import check_target, publish
 from .run import Progress, run
 from .study import Study
 
-__all__ = ["Bar", "main"]
-
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 

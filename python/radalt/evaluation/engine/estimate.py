@@ -9,8 +9,6 @@ from functools import lru_cache
 
 from .study import Point, Study
 
-__all__ = ["AROUND_S", "estimate"]
-
 AROUND_S = 5.0  # start of the workers, report and figures of a run, s
 
 

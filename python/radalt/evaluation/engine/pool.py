@@ -20,8 +20,6 @@ from typing import Any
 from ...core.interrupts import ctrl_c_waits
 from ...core.text import said
 
-__all__ = ["WorkerError", "answered", "outcome_of", "processes", "run_tasks"]
-
 _START_S = 10.0  # longest wait at the end of a run for workers that are starting, s
 
 

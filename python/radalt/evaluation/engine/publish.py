@@ -9,8 +9,6 @@ from pathlib import Path
 
 from ..results.folder import FolderError
 
-__all__ = ["check_target", "publish"]
-
 
 def check_target(target: Path) -> None:
     """Raise FolderError, one line, if `publish` cannot write into a folder or create it.

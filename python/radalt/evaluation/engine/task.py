@@ -10,8 +10,6 @@ from typing import Any
 
 from .study import Point, Study
 
-__all__ = ["Outcome", "kept_row", "measure_point", "peak_memory_bytes"]
-
 
 @dataclass(frozen=True)
 class Outcome:

@@ -15,8 +15,6 @@ from pathlib import Path
 
 from ...blocks._guard import raised
 
-__all__ = ["main"]
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run FILE as ``python FILE`` does; 2 after one line about wrong input, 1 after one about a failed block."""

@@ -8,8 +8,6 @@ from ...core.mitigation import METHODS
 from ...core.scene import Scene
 from ..results.score import CORRECT_LIMIT_M, score
 
-__all__ = ["scores"]
-
 _COUNTERS = ("frames", "lost_samples", "dropped_slow", "saturated_frames", "lock_losses")
 
 

@@ -12,8 +12,6 @@ import numpy as np
 from ...core.scene import Scene
 from ..results.score import score_frames
 
-__all__ = ["StatusLine", "dress"]
-
 SIZE = (1600, 950)  # size of the window, pixels, unless the screen is smaller or a size was stored
 _EVERY_MS = 500  # time between updates of the status line, ms
 _LEAST_PLOT = (220, 140)  # smallest plot, pixels

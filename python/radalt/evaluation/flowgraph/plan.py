@@ -13,8 +13,6 @@ from ...core.receiver.altimeter import Altimeter, shared_altimeter
 from ...core.receiver.altimeter_settings import AltimeterSettings
 from ...core.scene import Scene
 
-__all__ = ["Part", "Plan", "left_out", "make_plan"]
-
 
 class Part(NamedTuple):
     """A part of a run, the reason in the scene, and the module that is not imported without it."""

@@ -27,8 +27,6 @@ from .rewrite import from_recording, prune
 from .run import make_top, result_of
 from .watch import run_to_end
 
-__all__ = ["prepare_replay", "replay_scene", "run_replay", "score_recording", "summary"]
-
 
 def score_recording(
     path: Path | str,

@@ -16,23 +16,6 @@ from ...core.mitigation import CUSTOM, METHODS
 from ...core.parsing import load_yaml
 from . import FlowgraphError
 
-__all__ = [
-    "CHANNEL",
-    "JAMMER_GATE",
-    "JAMMER_SINK",
-    "RADAR_GATE",
-    "RADAR_SINK",
-    "RADAR_SOURCE",
-    "from_recording",
-    "load_grc",
-    "prune",
-    "remote",
-    "save_grc",
-    "simulate",
-    "tracked",
-    "with_chain",
-]
-
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"
 RADAR_GATE, JAMMER_GATE = "radar_gate", "jammer_gate"

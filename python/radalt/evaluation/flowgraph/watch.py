@@ -10,8 +10,6 @@ from typing import Any
 from ...blocks._guard import raise_stored
 from . import FlowgraphError
 
-__all__ = ["blocks_of", "run_to_end"]
-
 _STOP_S = 10.0  # longest stop of a flowgraph, s
 
 

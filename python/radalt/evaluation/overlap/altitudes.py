@@ -14,16 +14,6 @@ from ..results.score import SCORE_COLUMNS, pool, score_frames, trials_of
 from .points import OverlapPoint
 from .rows import POINT, place_of
 
-__all__ = [
-    "ALTITUDE_COLUMNS",
-    "ERRORS_M",
-    "altitude_rows",
-    "groups",
-    "pool_altitudes",
-    "rmse_interval",
-    "with_intervals",
-]
-
 # upper limits of the error's distribution, m
 ERRORS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 _WITHIN = tuple(f"within_{error:g}_m" for error in ERRORS_M)

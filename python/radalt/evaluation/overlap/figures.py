@@ -19,8 +19,6 @@ from ..results.style import series_style
 from .altitudes import ERRORS_M, groups
 from .panels import Row, panels, series_of, spread
 
-__all__ = ["draw_error", "draw_error_cdf", "draw_pd", "draw_pd_by_altitude", "draw_wrong"]
-
 _PD_LABEL = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
 _WIDTH = 3.5  # width of a panel, inches: the column of a two-column page
 _GREY = {"color": "#999999", "lw": 0.8, "zorder": 0}  # lines for comparison

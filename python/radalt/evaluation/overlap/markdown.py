@@ -13,8 +13,6 @@ from ..results.table import DASH, counted, interval, metres, number, signed_metr
 from .altitudes import groups
 from .panels import Row, panels, series_of, spread, with_interference
 
-__all__ = ["every_row", "glance", "pd_tables", "report_markdown", "summary", "tracked_table"]
-
 _TRACKED = ("wrong_5m", "misleading", "hazardous")
 
 

@@ -7,8 +7,6 @@ from typing import Any
 
 from ..results.table import DASH
 
-__all__ = ["panels", "series_of", "spread", "swept_axes", "with_interference"]
-
 Row = dict[str, Any]
 
 

@@ -14,8 +14,6 @@ from ...core.parsing import quantity, shown
 from ...core.scene import Scene, SceneError
 from ..engine.study import Point
 
-__all__ = ["OverlapPoint", "changed", "parse_axis", "point_seed", "scene_at", "sweep_points"]
-
 _MAX_VALUES = 1001  # most values of one axis; more are a mistake in start:stop:step
 
 

@@ -22,8 +22,6 @@ from .panels import Row, swept_axes
 from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
 
-__all__ = ["POOLED_COLUMNS", "PoolError", "collect", "pool_runs", "read_run"]
-
 _REPRODUCED = [c for c in COLUMNS.names if c not in COLUMNS.timing]  # columns that a repetition has again
 POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in _REPRODUCED if c != "seed")))
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")

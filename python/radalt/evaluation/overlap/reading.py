@@ -11,8 +11,6 @@ from ..results.folder import SCHEMA, read_report
 from ..results.score import pool
 from .rows import COLUMNS
 
-__all__ = ["ALTITUDE_KEYS", "SCENE_PARTS", "PoolError", "Run", "read_run"]
-
 # keys of a scene that must be equal in all pooled runs
 SCENE_PARTS = ("waveform", "altimeter", "segmenter")
 ALTITUDE_KEYS = ("programme_m", "mode", "vertical_speed_m_per_s")

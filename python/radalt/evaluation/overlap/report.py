@@ -25,8 +25,6 @@ from .panels import Row, swept_axes, with_interference
 if TYPE_CHECKING:
     from .study import OverlapStudy
 
-__all__ = ["break_points", "build_report", "write_report"]
-
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 
 

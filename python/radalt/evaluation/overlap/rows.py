@@ -12,8 +12,6 @@ from ..results.rows import Columns
 from ..results.score import Score
 from .points import OverlapPoint
 
-__all__ = ["COLUMNS", "COUNTERS", "POINT", "TRACKED_COLUMNS", "make_row", "place_of", "tracked_row"]
-
 POINT = ("method", "interference", "overlap", "sir_db", "snr_db")  # columns that name a method and a point
 
 COUNTERS = ("diverged_frames", "discontinuities", "lock_losses")  # of the signal path, beside `Score`

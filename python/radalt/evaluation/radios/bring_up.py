@@ -13,8 +13,6 @@ from ..flowgraph import FlowgraphError
 from ..flowgraph.rewrite import RADAR_SINK, RADAR_SOURCE
 from .settings import Step, plan, radio_blocks
 
-__all__ = ["Readback", "bring_up", "start_together"]
-
 _LOCK_S = 2.0  # longest lock of an LO or reference, s
 _PPS_S = 1.5  # wait for a pulse, s: one comes every second
 _GAIN_DB = 1.0  # largest error of a gain, dB: a radio's steps are finer

@@ -28,8 +28,6 @@ from ..flowgraph.rewrite import RADAR_GATE
 from ..results.folder import writing
 from ..simulation import TAIL_FRAMES, PointResult, found_latency, received, run_chain
 
-__all__ = ["CABLING", "STEPS", "Bench", "Check", "Flight", "Measured", "perform", "simulated_samples"]
-
 _DATA = load_yaml(Path(__file__).with_suffix(".yaml"), what="steps")
 STEPS: dict[str, dict[str, Any]] = _DATA["steps"]
 CABLING: str = _DATA["cabling"]

@@ -19,8 +19,6 @@ from ..results.page import write_pages
 from ..results.table import table
 from .first_light import STEPS, Bench, Check
 
-__all__ = ["MOST_BYTES", "BundleError", "open_folder", "read_bundle", "verdict_of", "write_bundle"]
-
 MOST_BYTES = 50 << 20
 _MOST_FILES, _MOST_UNPACKED = 100, 100 << 20
 _MOST_REPORT = 1 << 20  # of the report, which goes to a terminal; one of 49 checks has 5 kB

@@ -23,8 +23,6 @@ from ..results.score import score
 from ..simulation import run_chain
 from .first_light import Bench, Flight, Measure, Measured, simulated_samples
 
-__all__ = ["MEASURES"]
-
 _HEARD_DB = 3.0  # above the noise: something arrives
 _LISTENED = 40  # frames
 _ALTITUDES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 1500.0)

@@ -29,8 +29,6 @@ from .bring_up import bring_up, start_together
 from .settings import radio_blocks
 from .setup import FULL_SCALE, programme_over, set_up
 
-__all__ = ["calibrate", "link_bytes_per_s", "receive_alone", "run_hardware"]
-
 _START_S = 3.0  # longest time from `set_up` to the first sample, s
 _POLL_S = 0.02  # time between checks of the programme's end, s
 _SETTLE_S = 0.02  # settling of UHD's DC correction at a receiver's start, s

@@ -15,8 +15,6 @@ from ...core.receiver.leakage import LeakageCalibration, LeakageCanceller
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.scene import Scene, SceneError
 
-__all__ = ["calibrate_leakage"]
-
 _KNOWN_M = 300.0  # altitude for the installation delay, m: beyond the leakage's side lobes
 # frames dropped while the lock settles, and frames at the known altitude: a mean error of a few centimetres
 _SETTLE_FRAMES, _KNOWN_FRAMES = 8, 60

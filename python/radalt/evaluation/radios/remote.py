@@ -17,8 +17,6 @@ from ..flowgraph.rewrite import prune, remote, simulate
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import run_to_end
 
-__all__ = ["drive_remotely"]
-
 
 @functools.lru_cache(maxsize=4)
 def _prepared(methods: tuple[str, ...], jammer: bool, sim: bool) -> Prepared:

@@ -13,8 +13,6 @@ from ...core.radio.levels import drive, rx_level_dbm
 from ...core.scene import Scene
 from ..flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE
 
-__all__ = ["Step", "describe", "plan", "radio_blocks"]
-
 
 class Step(NamedTuple):
     """One call on one UHD block."""

@@ -23,8 +23,6 @@ from ..flowgraph.rewrite import JAMMER_GATE, JAMMER_SINK, RADAR_GATE, RADAR_SINK
 from .bring_up import bring_up, start_together
 from .settings import radio_blocks
 
-__all__ = ["FULL_SCALE", "Ready", "programme_over", "set_up", "stop_after_programme"]
-
 FULL_SCALE = 1.0  # full scale of a UHD source's samples, per rail
 _CATCH_UP_S = 1.0  # longest delay of a slow method behind the receiver at the end, s of signal
 _STARTED_S = 30.0  # longest time of a flowgraph from set-up to start, s

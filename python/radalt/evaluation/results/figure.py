@@ -12,8 +12,6 @@ import numpy as np
 
 from .folder import writing
 
-__all__ = ["COLUMN_IN", "new_figure", "save_figure", "say"]
-
 COLUMN_IN = 4.2  # width in inches of a figure whose type has its own size in a column of print, and at 400 px (96 dpi)
 
 

@@ -18,18 +18,6 @@ from ...core.receiver.tracker_settings import Status
 from .proportion import clopper_pearson_bound
 from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
 
-__all__ = [
-    "COUNTS",
-    "Integrity",
-    "alert_limit_m",
-    "error_m",
-    "integrity",
-    "is_hazardous",
-    "stanford",
-    "time_to_alert_s",
-    "time_to_first_s",
-]
-
 _LEAST_ALERT_M = 10.0  # least alert limit, m: half a range cell of the default sweep
 
 

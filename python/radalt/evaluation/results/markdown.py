@@ -8,8 +8,6 @@ from html import escape
 
 from .table import DASH
 
-__all__ = ["to_html"]
-
 _KINDS = {
     "heading": re.compile(r"#{1,6} "),
     "table": re.compile(r"\|"),

@@ -12,8 +12,6 @@ from . import table as tables
 from .folder import RunFolder
 from .markdown import to_html
 
-__all__ = ["render", "write_page", "write_pages", "write_result"]
-
 _FRAME = Path(__file__).parent  # folder of page.html.j2, the frame of every HTML page
 
 

@@ -13,8 +13,6 @@ from .table import DASH, table
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["Table"]
-
 
 class Table(Sequence[Mapping[str, Any]]):
     """Rows with equal columns; missing values (no noise, no detection) are None.

@@ -11,8 +11,6 @@ from typing import Any
 
 from ...core.mitigation import CUSTOM, METHODS, PlotStyle, method_class
 
-__all__ = ["series_style"]
-
 # for methods without a registered style
 _RESERVE = (
     PlotStyle("#666666", "X", "--"),

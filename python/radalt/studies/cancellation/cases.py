@@ -22,8 +22,6 @@ from ...core.interference.stream import JammerStream
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
-__all__ = ["CASES", "NR10", "SNR_DB", "SPEED_M_PER_S", "WAVEFORM", "Case", "Noisy", "received"]
-
 WAVEFORM = Waveform()
 SNR_DB = 10.0  # as in the other studies of single frames
 SPEED_M_PER_S = 10.0  # largest vertical speed, up and down

@@ -23,8 +23,6 @@ from ...evaluation.results.style import series_style
 from ...evaluation.results.table import number, table
 from .tracked import CONFIRMING, FLIGHTS, FRAMES, NR_MS, TRACKED_COLUMNS, fly
 
-__all__ = ["FlightPoint", "FlightsStudy", "tracked_table"]
-
 _RECEIVED_S = 0.002  # CPU seconds to make a frame, with its altimeters and trackers
 
 

@@ -22,8 +22,6 @@ from .cases import CASES
 if TYPE_CHECKING:
     from .study import CancellationStudy
 
-__all__ = ["write_report"]
-
 Row = Mapping[str, Any]
 _DRAWN = ("ideal", "evm_3", "evm_5", "evm_8", "qpsk_users")
 _COLOURS = ("#000000", "#0072B2", "#009E73", "#D55E00", "#CC79A7")  # Okabe and Ito

@@ -20,8 +20,6 @@ from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import SCORE_COLUMNS, score_frames
 from .cases import CASES, WAVEFORM, Case, received
 
-__all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
-
 CANCELLERS = ("ofdm_cancel", "qpsk_cancel")  # each runs on the cases of its own emitter only
 METHODS = ("none", *CANCELLERS)
 SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0, -60.0)

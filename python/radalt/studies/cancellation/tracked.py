@@ -25,8 +25,6 @@ from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
 from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
 
-__all__ = ["ALLOWED_M_PER_S", "CONFIRMING", "FLIGHTS", "FRAMES", "NR_MS", "TRACKED_COLUMNS", "Flight", "fly"]
-
 _BLOCK = 40  # frames of an output
 FRAMES = 25 * _BLOCK  # frames per second
 CONFIRMING = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track

@@ -9,8 +9,6 @@ from typing import Any
 from ...core.interference.evm import EMITTERS
 from ...evaluation.results.figure import new_figure, save_figure
 
-__all__ = ["case_name", "draw"]
-
 _OURS, _TEXTBOOK, _WRONG = "#0072B2", "#E69F00", "#D55E00"  # Okabe and Ito
 _EMITTERS = f"{EMITTERS}, but for paper_qpsk, which is ideal"
 _ALLOWED_M_PER_S = 20.0  # vertical speed allowed in the rows shown: the altimeter's default

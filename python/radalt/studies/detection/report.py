@@ -16,8 +16,6 @@ from .figure import case_name, draw
 if TYPE_CHECKING:
     from .study import DetectionStudy
 
-__all__ = ["null_table", "return_table", "write_report"]
-
 
 def write_report(
     folder: RunFolder, study: DetectionStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run

@@ -27,17 +27,6 @@ from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import CORRECT_LIMIT_M
 from .textbook import textbook_altitudes
 
-__all__ = [
-    "CASES",
-    "SPEEDS_M_PER_S",
-    "Case",
-    "DetectionStudy",
-    "NullCase",
-    "measure",
-    "measure_null",
-    "null_cases",
-]
-
 WAVEFORM = Waveform()
 # vertical speeds that the altimeter allows: none, the default, any aircraft's
 SPEEDS_M_PER_S = (0.0, 20.0, 150.0)

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["textbook_altitudes"]
-
 _C_M_PER_S = 299_792_458.0
 _HYPOTHESIS_HZ = 500.0  # Doppler step between speed hypotheses: 17 m/s, a quarter of a resolution cell
 _PADDING = 8  # FFT length over samples: the parabola's error is then below 0.5 m (tests/test_detection.py)

@@ -18,8 +18,6 @@ from .flights import fly
 from .received import received
 from .study import IntegrityStudy
 
-__all__ = ["write_capture"]
-
 _BEFORE = 400  # frames kept up to the event: ten outputs
 _PREAMBLE = 8  # frames at altitude zero, on which a replay takes its timing
 

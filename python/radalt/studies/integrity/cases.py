@@ -10,8 +10,6 @@ import numpy as np
 
 from ...core.waveform import Waveform
 
-__all__ = ["BLOCK", "DRIFT", "KINDS", "SCENES", "SPAN_M", "WAVEFORM", "Case", "case_of", "cases"]
-
 WAVEFORM = Waveform()
 BLOCK = 40  # frames of an output: flights last a whole number of outputs
 DRIFT = 150.0  # drift of a return in m/s per ppm between two clocks: c / 2 * 1e-6

@@ -20,8 +20,6 @@ from ...core.interference.stream import Continued
 from ...core.scene import load_scene
 from .cases import BLOCK, WAVEFORM, Case
 
-__all__ = ["interferers_of"]
-
 _ANEW = "fmcw"  # an emitter that is heard now and then: each frame's window is drawn to contain a passage
 _PERIODIC = "pulsed_radar"  # an emitter of 4 kHz, whose frames are all the same
 _NR_FRAMES = BLOCK // 10  # NR frames of 10 ms in the window of an emitter

@@ -14,8 +14,6 @@ from ...evaluation.results.score import Score
 from ...evaluation.results.style import series_style
 from .columns import EDGES, FRAMES
 
-__all__ = ["draw_sir", "draw_stanford"]
-
 Row = Mapping[str, Any]
 
 

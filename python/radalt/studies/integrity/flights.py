@@ -10,8 +10,6 @@ import numpy as np
 from ...core.returns.landing import LandingSpec
 from .cases import BLOCK, SPAN_M, WAVEFORM, Case
 
-__all__ = ["FASTEST_M_PER_S", "Flight", "fly", "rng_of"]
-
 FASTEST_M_PER_S = 10.0  # largest vertical speed of a flight, up and down
 _LOWEST_M, _HIGHEST_M = 5.0, 1400.0  # altitudes at which flights start
 # frames of a block's last quarter, in which a step shows one output later (docs/tracker.md)

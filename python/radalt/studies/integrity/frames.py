@@ -14,8 +14,6 @@ from .cases import BLOCK, DRIFT, SPAN_M, WAVEFORM, Case
 from .emitters import interferers_of
 from .flights import FASTEST_M_PER_S, Flight
 
-__all__ = ["frames_of", "white_noise"]
-
 Source = Callable[[np.ndarray], np.ndarray]  # frames by their index
 
 

@@ -15,8 +15,6 @@ from .cases import BLOCK, DRIFT, WAVEFORM, Case
 from .flights import Flight, rng_of
 from .frames import frames_of, white_noise
 
-__all__ = ["received"]
-
 _SEGMENTED = ("slip", "clock", "leakage", "gear")  # kinds received as a stream
 _PREAMBLE = 8  # frames at altitude zero, on which the segmenter takes its timing
 _LEAKAGE_M, _GEAR_M = 1.0, 4.5  # paths of leakage and landing gear, as in the scene `leakage`

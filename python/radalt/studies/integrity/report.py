@@ -20,8 +20,6 @@ from .columns import BY_KIND, EVENTS, FRAMES, POOLED
 if TYPE_CHECKING:
     from .study import IntegrityStudy
 
-__all__ = ["events_of", "pooled", "summarise", "write_report"]
-
 Row = Mapping[str, Any]
 _START = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track
 _LISTED = 200  # most flights with hazardous outputs in the page; events.csv has all

@@ -31,8 +31,6 @@ from .columns import EDGES, FRAMES, ROWS
 from .flights import Flight, fly
 from .received import received
 
-__all__ = ["IntegrityPoint", "IntegrityStudy", "Judged", "judge", "replay_lines"]
-
 # a track may start at any altitude: flights without a leakage calibration have no leakage
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
 # CPU time per frame of a scene's interference, of what a kind adds, and of the rest; `rehearsal` scales them

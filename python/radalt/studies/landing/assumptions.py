@@ -14,8 +14,6 @@ from ...core.interference.evm import TYPICAL
 from ...core.interference.receiver_filter import window_taps
 from .config import LandingConfig
 
-__all__ = ["ASSUMPTIONS", "Assumption"]
-
 
 @dataclass(frozen=True)
 class Assumption:

@@ -36,17 +36,6 @@ from ...core.scene.reading import without_pfa
 from ...core.text import one_line
 from ...core.waveform import Waveform
 
-__all__ = [
-    "ApproachSpec",
-    "CurveSpec",
-    "LandingConfig",
-    "StudyError",
-    "check_config",
-    "config_dict",
-    "load_config",
-    "parse_config",
-]
-
 
 class StudyError(InputError):
     """An unusable study; the message is one line for the user."""

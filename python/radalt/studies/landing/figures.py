@@ -17,8 +17,6 @@ from ...evaluation.results.style import series_style
 from .config import LandingConfig
 from .points import approach_frames, impaired, rng_of
 
-__all__ = ["condition", "curve_of", "draw_figures"]
-
 Row = dict[str, Any]
 IMAGE_FRAMES = 300  # columns of the range-time image, about one per pixel
 

@@ -21,24 +21,6 @@ from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, score_f
 from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 
-__all__ = [
-    "MEASURED",
-    "TABLES",
-    "LandingPoint",
-    "Truth",
-    "accuracy",
-    "altitudes",
-    "approach_frames",
-    "assumed_methods",
-    "impaired",
-    "point_rows",
-    "rng_of",
-    "seconds",
-    "statistics",
-    "study_points",
-    "trial_frames",
-]
-
 RESAMPLES = 400  # of the bootstrap
 MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s", "peak_to_sidelobe_db")
 _LEVELS = ("sinr_db", "sir_db", "snr_db")

@@ -25,8 +25,6 @@ from .points import MEASURED, accuracy
 if TYPE_CHECKING:
     from .study import LandingStudy
 
-__all__ = ["approach_table", "break_points", "comparison", "sensitivity", "write_report"]
-
 Row = dict[str, Any]
 
 BANDS = (

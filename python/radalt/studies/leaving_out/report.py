@@ -19,8 +19,6 @@ from .scenes import scene_of
 if TYPE_CHECKING:
     from .study import LeavingOutStudy
 
-__all__ = ["draw", "summarise", "write_report"]
-
 
 def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any]]:
     """An entry per scene: medians pruned and with all built, their ratios, and whether the results are identical.

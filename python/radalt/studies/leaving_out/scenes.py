@@ -6,8 +6,6 @@ from typing import Any
 
 from ...core.scene import Scene, parse_scene
 
-__all__ = ["CHECKED", "SCENES", "scene_of"]
-
 _ALTITUDES = [1200.0, 600.0, 150.0, 30.0]
 _QPSK = {"qpsk": {"sir_db": -20.0, "overlap": 0.5, "evm": "typical"}}
 SCENES: dict[str, dict[str, Any]] = {

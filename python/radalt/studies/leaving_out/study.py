@@ -25,8 +25,6 @@ from ...evaluation.results.chain import seconds_per_frame
 from ...evaluation.results.rows import Columns
 from .scenes import SCENES, scene_of
 
-__all__ = ["LeavingOutStudy", "run_apart", "run_once"]
-
 
 def prepare_unpruned(build_dir: Path) -> Prepared:
     """Flowgraph with every chain of the `.grc` file, the jammer's included."""

@@ -16,8 +16,6 @@ from ...core.scene import Scene
 from ...evaluation.flowgraph.generate import Prepared
 from ...evaluation.flowgraph.run import make_top
 
-__all__ = ["alone_seconds"]
-
 _AT_ONCE = 64  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
 
 

@@ -10,8 +10,6 @@ from gnuradio import blocks, gr
 from ...blocks._frames import frame_ring
 from ...blocks._guard import WORK_DONE, guarded
 
-__all__ = ["gateway_seconds"]
-
 
 class _Copy(gr.sync_block):
     """Copies frames."""

@@ -11,8 +11,6 @@ from ...core.receiver.altimeter import shared_altimeter
 from ...core.scene import Scene
 from .study import median_seconds
 
-__all__ = ["kernel_seconds"]
-
 _AT_ONCE = 8  # frames per call of methods and altimeters, the largest batch of the flowgraph
 _SYMBOLS = 0.267  # QPSK symbols per sample: the paper's bandwidth over the sample rate
 

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from ...core.cores import allowed_cores
 
-__all__ = ["Outside", "OutsideWatch"]
-
 # lateness of a wake-up above which it is added up, ms: about the path's latency (docs/real-time.md)
 _LONG_MS = 20.0
 # a process per core that sleeps 5 ms at a time, with the standard library alone: it shares neither interpreter nor lock

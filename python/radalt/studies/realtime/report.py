@@ -16,8 +16,6 @@ from ...evaluation.results.page import write_result
 from ...evaluation.results.table import number, table
 from .study import Measurement
 
-__all__ = ["Benchmark", "draw", "tables_of", "write_report"]
-
 _COLOURS = ("#0072B2", "#E69F00")  # Okabe and Ito
 
 

@@ -24,16 +24,6 @@ from ...evaluation.flowgraph.run import make_top
 from ...evaluation.flowgraph.watch import blocks_of, run_to_end
 from .outside import Outside, OutsideWatch
 
-__all__ = [
-    "Measurement",
-    "at_rate",
-    "fft_seconds",
-    "fly_benchmark",
-    "long_scene",
-    "median_seconds",
-    "prepare_benchmark",
-]
-
 _POLL_S = 0.1  # between two readings of thread times and memory, s
 _ARRIVALS = 200_000  # newest arrivals at the segmenter that are kept for the latency: 200 s of frames
 _WARM_UP = 0.1  # share of the run after which growth of memory counts

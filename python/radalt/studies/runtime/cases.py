@@ -13,8 +13,6 @@ from ...core.interference.evm import TYPICAL
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
-__all__ = ["CLEAN", "INTERFERERS", "SNR_DB", "TRANSFORM", "WAVEFORM", "frames_of"]
-
 WAVEFORM = Waveform()
 SNR_DB = 10.0  # as in the other studies of single frames
 TRANSFORM = "transform"  # "chain" of the rows that time one complex64 FFT of a frame

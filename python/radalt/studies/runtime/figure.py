@@ -9,8 +9,6 @@ from typing import Any
 from ...core.interference.evm import EMITTERS
 from ...evaluation.results.figure import new_figure, save_figure, say
 
-__all__ = ["draw", "pareto"]
-
 REAL_TIME_MS = 1.0  # duration of a frame
 _FRONT, _REST = "#0072B2", "#777777"  # chains on the Pareto front, and all others
 # Offset of a name from its point, in points of 1/72 inch, so that neighbours do not cover each other. Other chains are

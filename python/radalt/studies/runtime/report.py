@@ -23,8 +23,6 @@ from .figure import draw, pareto
 if TYPE_CHECKING:
     from .study import RuntimeStudy
 
-__all__ = ["summarise", "write_report"]
-
 
 def write_report(
     folder: RunFolder, study: RuntimeStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run

@@ -23,8 +23,6 @@ from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
 from .cases import CLEAN, INTERFERERS, TRANSFORM, WAVEFORM, frames_of
 
-__all__ = ["RuntimePoint", "RuntimeStudy", "compared_chains"]
-
 _BATCHES = (1, 8)  # frames per call that are timed: as they arrive, and as many as a network's batch
 _TIMED = 8  # timed frames per interferer, and without: one batch of the larger size
 _TIMED_SIR_DB = -30.0  # below the break-point without mitigation (-25 dB): every method has to work

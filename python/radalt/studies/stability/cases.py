@@ -20,8 +20,6 @@ from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
-__all__ = ["CLEAN_ALTITUDE_M", "GROUPS", "Case", "coloured_noise", "noisy"]
-
 CLEAN_ALTITUDE_M = 500.0  # altitude of the clean frame that follows every case, m
 _SCENE = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
 _FRAMES, _MANY = 8, 40  # frames of a case, and of one in which false alarms are counted

@@ -24,8 +24,6 @@ from .cases import coloured_noise, noisy
 if TYPE_CHECKING:
     from ...core.scene import Scene
 
-__all__ = ["SPREADS", "altitudes_of", "determinism_rows", "flowgraph_row", "long_run_rows", "step_limit"]
-
 SPREADS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)  # spectral spreads of the input, for the step limits
 
 _FAR = 100_000_000_000  # samples: 3.7 hours at 7.5 MS/s

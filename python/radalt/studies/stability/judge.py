@@ -23,8 +23,6 @@ from ...evaluation.results.chain import Chain
 from .cases import CLEAN_ALTITUDE_M, Case, noisy
 from .reference import REFERENCES, covariance_condition, reference_altitude_m
 
-__all__ = ["allowed_false_alarms", "judge", "judge_all"]
-
 # samples of a frame up to which the float64 references are computed: seconds per case
 _MAX_REFERENCE_SAMPLES = 100_000
 

@@ -9,8 +9,6 @@ import numpy as np
 from ...core.mitigation import Mitigation
 from ...core.waveform import C_M_PER_S, Waveform
 
-__all__ = ["REFERENCES", "covariance_condition", "reference_altitude_m"]
-
 
 def _none(method: Mitigation, frames: np.ndarray) -> np.ndarray:
     return frames

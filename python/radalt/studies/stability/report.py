@@ -15,8 +15,6 @@ from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.table import table
 
-__all__ = ["BY_GROUP", "by_group", "failures", "write_report"]
-
 _GROUPS = {
     "stiff": "stiff inputs",
     "scene": "extreme scenes",

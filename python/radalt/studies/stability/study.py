@@ -17,8 +17,6 @@ from . import checks
 from .cases import GROUPS, Case
 from .judge import judge_all
 
-__all__ = ["StabilityStudy", "compared_chains"]
-
 _STATED = ("group", "case", "chain", "precision", "frames", "bound_m", "condition")
 _FOUND = ("valid", "wrong", "error_m", "output_error", "altitude_float64_m", "finite", "diverged", "silenced")
 _WORDS = frozenset({"group", "case", "chain", "precision", "reasons", "verdict", "check", "unit"})

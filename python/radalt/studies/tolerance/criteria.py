@@ -9,8 +9,6 @@ from scipy.constants import foot
 
 from ...core.receiver.tracker_settings import Status
 
-__all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "RUN_IN", "break_level", "judged"]
-
 # Mean error above 0.5 %, fewer than 98 % within 2 %, any output without computed data: commonly quoted from RTCA
 # 274-20/PMC-2073, not read there.
 _MEAN_SHARE, _WITHIN_SHARE, _WITHIN = 0.005, 0.02, 0.98

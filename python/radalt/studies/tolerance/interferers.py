@@ -14,8 +14,6 @@ from ...core.deramp.profile import Profile
 from ...core.waveform import altitude_to_delay_s
 from .criteria import HIGHEST_DBM
 
-__all__ = ["INTERFERERS", "Interferer", "locked_m", "others_mw"]
-
 _LOCKED_M = 450.0  # range at which an equal, locked sweep appears, installation delay included
 _LOCKED_SHARE = 0.75  # of the span, where that is less: it has to lie within
 _DRIFT = 1e-5  # relative difference of the periods of equal sweeps: two crystals of 5 ppm

@@ -23,8 +23,6 @@ from .interferers import INTERFERERS
 if TYPE_CHECKING:
     from .study import ToleranceStudy
 
-__all__ = ["Pooled", "pooled", "write_report"]
-
 MARGIN_DB = 6.0  # safety margin that compatibility studies add
 # Okabe and Ito's colours and a marker, in the order of the interferers
 _STYLES = (

@@ -25,8 +25,6 @@ from ...evaluation.results.rows import Columns
 from .criteria import CRITERIA, RUN_IN, break_level, judged
 from .interferers import INTERFERERS, locked_m, others_mw
 
-__all__ = ["METHODS", "ToleranceStudy", "TolerancePoint", "Trial"]
-
 METHODS = ("none", "whitening", "linear_prediction", "blanking")  # those that work behind an IF filter
 _CHUNK = 8  # outputs per call of the detector
 _APART = 0.05  # of the altitude; an equal sweep nearer to it could pass the criteria (2 %) for the return

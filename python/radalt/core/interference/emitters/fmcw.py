@@ -23,8 +23,6 @@ from ..receiver_filter import (
 )
 from . import NamedEmitter, register
 
-__all__ = ["FmcwEmitter"]
-
 
 @register
 @dataclass(frozen=True, kw_only=True)

@@ -13,29 +13,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..evm import evm_title
-from ..nr_config import RESOURCE_BLOCKS, SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
-from ..nr_grid import Element, ResourceGrid, resource_grid, ssb_block, transmitted
+from ..nr_config import SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
+from ..nr_grid import resource_grid, transmitted
 from ..receiver_filter import random_window, resample_periodic
 from . import NamedEmitter, register
 
 if TYPE_CHECKING:
     from ..amplifier import Amplifier
-
-__all__ = [
-    "FRAME_SECONDS",
-    "RESOURCE_BLOCKS",
-    "SUBCARRIER_SPACING_HZ",
-    "SYMBOLS_PER_SLOT",
-    "Element",
-    "NrConfig",
-    "NrEmitter",
-    "ResourceGrid",
-    "cyclic_prefix_lengths",
-    "frame_samples",
-    "ofdm_modulate",
-    "resource_grid",
-    "ssb_block",
-]
 
 FRAME_SECONDS = 10e-3  # radio frame, TS 38.211 clause 4.3.1
 _AMPLIFIED = 4  # rate of the amplifier over the native rate: products up to the seventh order alias outside the carrier
@@ -59,9 +43,7 @@ def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACIN
 
 
 def ofdm_modulate(
-    values: np.ndarray,
-    fft_length: int,
-    spacing_hz: float = SUBCARRIER_SPACING_HZ,
+    values: np.ndarray, fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ
 ) -> np.ndarray:
     """CP-OFDM, TS 38.211 clause 5.3.1: s(t) = sum_k a_k exp(j 2 pi (k - N_sc/2) df (t - N_CP T_c - t_start)).
 
@@ -112,11 +94,7 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
     # a generator of its own, so that the payload equals the ideal carrier's
     errors = np.random.default_rng([config.seed, 0xE7])
     frames = [
-        ofdm_modulate(
-            transmitted(resource_grid(config, rng), errors),
-            length,
-            config.subcarrier_spacing_hz,
-        )
+        ofdm_modulate(transmitted(resource_grid(config, rng), errors), length, config.subcarrier_spacing_hz)
         for _ in range(config.frame_count)
     ]
     return np.concatenate(frames)

@@ -17,8 +17,6 @@ from ...waveform import exp_cycles
 from ..receiver_filter import check_positive, decimate_window, oversampling, window_guard
 from . import NamedEmitter, register
 
-__all__ = ["PulsedRadarEmitter"]
-
 
 @register
 @dataclass(frozen=True, kw_only=True)

@@ -15,8 +15,6 @@ from ...waveform import exp_cycles
 from ..evm import check_evm, error_vectors, evm_fraction, evm_title
 from . import NamedEmitter, register
 
-__all__ = ["QpskEmitter", "qpsk_symbols", "rrc_taps"]
-
 
 @lru_cache(maxsize=32)
 def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:

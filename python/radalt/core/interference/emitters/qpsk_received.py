@@ -13,8 +13,6 @@ from ..receiver_filter import decimate_window, window_guard
 from . import register
 from .qpsk import QpskEmitter, qpsk_symbols, rrc_taps
 
-__all__ = ["QpskReceivedEmitter"]
-
 # rate of the pulses over the radar's: rectangular ones have side lobes without end, root-raised-cosine is band-limited
 _OVERSAMPLING = {"rectangular": 16, "rrc": 2}
 _STEPS = 256  # table of the root-raised-cosine pulse, steps per symbol: linear interpolation errs by -90 dB

@@ -16,8 +16,6 @@ from ..own_noise import MOST_DB, prefix_snr_db
 from ..receiver_filter import around, rate_ratio, resample_periodic
 from . import NamedEmitter, register
 
-__all__ = ["RecordingEmitter"]
-
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene

@@ -10,8 +10,6 @@ import numpy as np
 from ...waveform import exp_cycles, sum_of_waves
 from . import NamedEmitter, register
 
-__all__ = ["ToneEmitter"]
-
 
 @register
 @dataclass(frozen=True)

@@ -7,18 +7,6 @@ from functools import lru_cache
 import numpy as np
 from scipy import ndimage
 
-__all__ = [
-    "block_sums",
-    "exp_ramp",
-    "median",
-    "moving_average",
-    "moving_sum",
-    "power",
-    "segment_spread",
-    "segment_sums",
-    "spread",
-]
-
 
 def power(x: np.ndarray) -> np.ndarray:
     """``|x|^2`` of complex x, any shape, real."""

@@ -8,8 +8,6 @@ from scipy import ndimage
 from .arrays import median, power
 from .settings import OfdmSettings
 
-__all__ = ["loud_burst"]
-
 
 def loud_burst(frame: np.ndarray, settings: OfdmSettings) -> np.ndarray | None:
     """(N,) bool: the samples of a burst that has nearly all of an (N,) frame's power in a short part of it; or None."""

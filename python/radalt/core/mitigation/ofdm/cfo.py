@@ -7,8 +7,6 @@ import numpy as np
 from .arrays import power
 from .equaliser import ElementGrid
 
-__all__ = ["phase_course", "residual_cfo"]
-
 
 def residual_cfo(grid: ElementGrid, sent: np.ndarray) -> float:
     """Residual CFO in subcarriers, from the (N,) samples ``sent`` that were rebuilt from decisions.

@@ -18,8 +18,6 @@ from .numerology import Numerology
 from .phase_timing import axes_phases
 from .settings import OfdmSettings
 
-__all__ = ["ChannelStart", "ChannelEstimator", "blind_channel", "fourth_powers", "level_in_use"]
-
 _BLOCK = 12  # subcarriers, TS 38.211 clause 4.4.4.1
 _AXES_BLOCK = 25  # subcarriers whose fourth powers are summed before their sign is judged
 _WIDTHS = (9, 17, 33, 65, 129, 257)  # subcarriers over which the blind channel may be averaged

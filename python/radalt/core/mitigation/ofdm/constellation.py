@@ -11,8 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 
-__all__ = ["BOOSTED", "EMPTY", "NOISE_DB", "QAM", "QPSK", "rail_index", "rail_tables"]
-
 EMPTY, QPSK, BOOSTED, QAM = (
     0,
     1,

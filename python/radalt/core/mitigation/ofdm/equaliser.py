@@ -8,8 +8,6 @@ from scipy import fft
 from .arrays import exp_ramp
 from .numerology import Numerology
 
-__all__ = ["ElementGrid", "equalise"]
-
 _LEAST = np.float32(
     1e-4
 )  # channel gain below which an element is not divided by it: amplitude of unit mean power

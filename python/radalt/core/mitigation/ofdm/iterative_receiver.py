@@ -27,8 +27,6 @@ from .return_estimation import ReturnEstimator
 from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper, SoftSymbols
 
-__all__ = ["IterativeReceiver", "KnownReturn", "Reception"]
-
 # prices of the steps in FFTs of 7,500 points, of a frame of so many samples; tools/ofdm_settings.py compares them with
 # what is measured
 _DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN = 18.0, 13.0, 20.0, 30.0, 10.0, 12.0, 12.0

@@ -6,8 +6,6 @@ import numpy as np
 
 from .equaliser import ElementGrid, timing_ramp
 
-__all__ = ["axes_phases", "correct_phase", "retimed", "timing_drift"]
-
 
 def correct_phase(agreement: np.ndarray) -> np.ndarray:
     """(L, 1) complex64 factors that take out each symbol's common phase error.

@@ -9,8 +9,6 @@ from .arrays import median, power
 from .equaliser import ElementGrid
 from .settings import OfdmSettings
 
-__all__ = ["blanked", "modulate", "sent_elements"]
-
 
 def modulate(elements: np.ndarray, grid: ElementGrid) -> np.ndarray:
     """(N,) complex64 samples of (L, K) elements with their timing, prefixes included; 0 outside the symbols."""

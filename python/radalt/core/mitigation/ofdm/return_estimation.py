@@ -11,8 +11,6 @@ from ...waveform import C_M_PER_S, Waveform
 from .arrays import exp_ramp, power
 from .settings import OfdmSettings
 
-__all__ = ["ReturnEstimate", "ReturnEstimator"]
-
 
 @dataclass(frozen=True)
 class ReturnEstimate:

@@ -8,8 +8,6 @@ from ...waveform import C_M_PER_S, Waveform
 from .numerology import Numerology
 from .settings import OfdmSettings
 
-__all__ = ["ReturnMask"]
-
 
 class ReturnMask:
     """Elements in which the sweep, delayed by 0 to ``2 span / c``, passes a symbol.

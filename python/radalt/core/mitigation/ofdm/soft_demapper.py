@@ -18,8 +18,6 @@ from .constellation import BOOSTED, EMPTY, QAM, QPSK, rail_index, rail_tables
 from .numerology import Numerology
 from .settings import OfdmSettings
 
-__all__ = ["SoftSymbols", "SoftDemapper"]
-
 _AREA = 4 * np.pi  # in which an element that is none of the points may lie: |z| < 2, points have unit power
 _NEIGHBOUR = np.float32(0.5)  # weight of the two blocks beside one, when its QAM order is judged
 

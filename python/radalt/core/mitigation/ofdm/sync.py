@@ -13,8 +13,6 @@ from .numerology import Numerology, fold_index
 from .return_mask import ReturnMask
 from .settings import OfdmSettings
 
-__all__ = ["Prefix", "acquire", "find_prefix"]
-
 _GRAM_STEP = 2  # one subcarrier in so many serves the Gram matrices
 
 

@@ -10,8 +10,6 @@ from scipy.linalg import blas
 
 from ...fir import cosine_window
 
-__all__ = ["without_tones"]
-
 _LINE = 30.0  # times the median power of the bins around it; of 7,500 bins of noise the largest has 13
 _PEAK = 20.0  # times the mean power of all bins: a fainter tone does no harm
 _BLOCK = 125  # bins with one floor

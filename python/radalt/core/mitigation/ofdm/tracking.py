@@ -15,8 +15,6 @@ from .numerology import Numerology
 from .phase_timing import axes_phases
 from .settings import OfdmSettings
 
-__all__ = ["TrackingState", "next_state", "tracked"]
-
 _PRICE = 14.0  # FFTs, see `IterativeReceiver`
 _BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged
 

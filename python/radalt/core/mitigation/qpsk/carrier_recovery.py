@@ -7,8 +7,6 @@ import cmath
 import numpy as np
 from scipy import fft
 
-__all__ = ["decide", "largest_correlation", "nearest", "phasors"]
-
 _PADDING = 4  # times the length of the transform in which the carrier's line is found: 0.2 dB of scalloping
 
 

@@ -13,8 +13,6 @@ from .carrier_recovery import decide, largest_correlation, nearest
 from .settings import QpskSettings
 from .symbol_timing import SymbolTiming
 
-__all__ = ["CmaEqualiser", "Symbols", "tap_spacing"]
-
 _UPSAMPLING = 4  # points per sample, between which samples are interpolated linearly: 33 dB below the signal
 
 

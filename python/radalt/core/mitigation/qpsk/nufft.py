@@ -10,8 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 
-__all__ = ["INTERPOLATION_POINTS", "OVERSAMPLING", "SPREAD_POINTS", "correction", "interpolate", "spread"]
-
 OVERSAMPLING = (
     1.5  # points of the grid per sample, at least: images of the window are 90 dB down with 6 points
 )

@@ -6,8 +6,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
 
-__all__ = ["OverlapSave"]
-
 _BATCH = (
     4  # segments that a processor's vector unit transforms side by side: their number is a multiple of it
 )

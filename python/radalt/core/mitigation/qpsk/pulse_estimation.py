@@ -13,8 +13,6 @@ from .nufft import OVERSAMPLING, SPREAD_POINTS, correction, spread
 from .overlap_save import OverlapSave
 from .settings import QpskSettings
 
-__all__ = ["SymbolTrain", "estimate_pulse"]
-
 
 class SymbolTrain(OverlapSave):
     """Impulses at the symbols' times, to be filtered by a pulse.

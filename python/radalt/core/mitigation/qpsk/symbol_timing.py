@@ -11,8 +11,6 @@ from scipy import fft
 from ...waveform import exp_cycles
 from .settings import QpskSettings
 
-__all__ = ["SymbolTiming", "find_symbol_timings", "symbol_instant"]
-
 
 @dataclass(frozen=True)
 class SymbolTiming:

@@ -13,8 +13,6 @@ from .pulse_estimation import SymbolTrain
 from .settings import QpskSettings
 from .symbol_timing import SymbolTiming, symbol_instant
 
-__all__ = ["Tracker", "can_track"]
-
 _BESIDE = 12  # samples on either side of an equaliser: the interpolation's correction is as long
 _ITERATIONS = 4  # of conjugate gradients; each leaves some -15 dB of a pulse's error
 

@@ -11,8 +11,6 @@ import numpy as np
 
 from ...parsing import InputError, check_range, read_text
 
-__all__ = ["Antenna", "GaussianAntenna", "TabulatedAntenna"]
-
 _MOST_BYTES = 16 << 20  # largest pattern file, bytes: a sphere in steps of half a degree
 
 

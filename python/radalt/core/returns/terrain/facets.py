@@ -18,8 +18,6 @@ from .geodesy import SEMI_MAJOR_M, curvature_radii_m, enu_axes, geodetic_to_ecef
 from .terrain import TerrainError, TerrainModel
 from .trajectory import AircraftState
 
-__all__ = ["Facets", "GroundGrid", "MIN_HEIGHT_M"]
-
 # Least simulated height of the antenna above ground, metres: below it lies the antenna's near field.
 MIN_HEIGHT_M = 0.5
 _SQUARE_AT_DEG = (

@@ -8,14 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = [
-    "ECCENTRICITY_SQUARED",
-    "SEMI_MAJOR_M",
-    "curvature_radii_m",
-    "enu_axes",
-    "geodetic_to_ecef",
-]
-
 SEMI_MAJOR_M = 6378137.0  # TR8350.2, Table 3.1
 FLATTENING = 1.0 / 298.257223563  # TR8350.2, Table 3.1
 ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)  # first eccentricity

@@ -12,8 +12,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.constants import speed_of_light
 
-__all__ = ["LAND_TYPES", "ConstantGamma", "Morchin", "Reflectivity", "UlabyDobson", "reflectivity"]
-
 
 @dataclass(frozen=True)
 class ConstantGamma:

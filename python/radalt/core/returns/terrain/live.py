@@ -10,8 +10,6 @@ import numpy as np
 from .radar_return import GroundReturn, TerrainReturn
 from .trajectory import AircraftState, Trajectory
 
-__all__ = ["LandingProfile"]
-
 
 @dataclass(frozen=True)
 class LandingProfile:

@@ -16,8 +16,6 @@ from .synthesis import synthesise
 from .terrain import TerrainModel
 from .trajectory import AircraftState
 
-__all__ = ["GroundReturn", "TerrainReturn"]
-
 _MAX_OFF_NADIR_DEG = (
     60.0  # largest angle off nadir at which facets are sampled: ground there is twice as far away
 )

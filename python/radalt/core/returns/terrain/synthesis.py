@@ -14,8 +14,6 @@ import numpy as np
 
 from ...waveform import C_M_PER_S, Waveform, exp_cycles
 
-__all__ = ["synthesise"]
-
 TAPS = 14  # interpolator length; its error is near -100 dB at twofold oversampling
 KAISER_BETA = 11.0  # Kaiser window of the interpolator: side lobes near -100 dB
 NODE_STEP = 16  # node counts are multiples of this, so that few interpolators are built

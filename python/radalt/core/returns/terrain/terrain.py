@@ -13,8 +13,6 @@ import numpy as np
 from ...parsing import InputError, check_file
 from .geodesy import curvature_radii_m
 
-__all__ = ["VOID_M", "DtedCell", "FlatTerrain", "Terrain", "TerrainError", "TerrainModel"]
-
 VOID_M = -32767  # elevation that marks a post without data (MIL-PRF-89020B, 3.11.2)
 _MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
 

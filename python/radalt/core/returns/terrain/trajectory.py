@@ -15,8 +15,6 @@ from scipy.interpolate import PchipInterpolator
 from ...parsing import InputError, read_text
 from .geodesy import curvature_radii_m
 
-__all__ = ["AircraftState", "Trajectory", "TrajectoryError"]
-
 _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 
 # column names in use (own files, OpenSky Network state vectors, common track exports), first match wins
