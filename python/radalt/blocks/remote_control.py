@@ -10,13 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.radio.control import (
-    CONTROL_VERSION,
-    MAX_REQUEST_BYTES,
-    Request,
-    RequestError,
-    parse_request,
-)
+from ..core.radio.control import CONTROL_VERSION, MAX_REQUEST_BYTES, Request, RequestError, parse_request
 from ..core.radio.endpoint import check_endpoint
 from ..core.scene import Scene, burst_db
 from ._results import json_text, result_fields

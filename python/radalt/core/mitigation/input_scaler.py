@@ -11,10 +11,7 @@ _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
 # Steps per unit amplitude at which a frame's first samples choose its dither: noise 70 dB below the frame changes them.
 _FINE = 2.0**14
-_DRAW = (
-    (1, 31, 1021, 7919),
-    (4099, 127, 257, 2053),
-)  # weights of the first samples of I and Q
+_DRAW = ((1, 31, 1021, 7919), (4099, 127, 257, 2053))  # weights of the first samples of I and Q
 
 
 class InputScaler:

@@ -56,9 +56,8 @@ class BlockLms(Mitigation):
     name = "lms"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
     batch = 16  # frames share the calls per block
-    _confirmed_pfa = (
-        1.0  # parameter of `Altimeter.confirms`; 1 is the paper's setting, without a test against noise
-    )
+    # parameter of `Altimeter.confirms`; 1 is the paper's setting, without a test against noise
+    _confirmed_pfa = 1.0
 
     def __init__(
         self,

@@ -14,9 +14,8 @@ from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
 _BLOCK = 8  # samples with the same weights: 20 and more are unstable on a tone at a step of 0.1
-_TAPER = (
-    0.1  # tapered share of the frame: more would weight the return, which sweeps through the band in time
-)
+# tapered share of the frame: more would weight the return, which sweeps through the band in time
+_TAPER = 0.1
 _ROUNDING = 1e-12  # share of a frame's power added to lag 0: rounding leaves a tone's lags indefinite
 
 

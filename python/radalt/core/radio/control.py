@@ -18,9 +18,8 @@ from ..parsing import shown
 CONTROL_VERSION = 1  # version of the protocol above
 COMMANDS = ("get", "set", "reacquire", "stop")
 MAX_REQUEST_BYTES = 65_536  # longest request, bytes: a thousand times a usual one
-SIR_LIMIT_DB = (
-    100.0  # largest magnitude of an SIR, dB: beyond every method's break-point and converter's range
-)
+# largest magnitude of an SIR, dB: beyond every method's break-point and converter's range
+SIR_LIMIT_DB = 100.0
 
 
 class RequestError(ValueError):

@@ -23,13 +23,11 @@ from ..sigmf_file import SigmfFile, open_sigmf
 
 _BLOCK = 1 << 18  # samples per read: 2 MB
 _MAX_TERM = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
-_RATE_PPM = (
-    20.0  # largest error of a stated rate against such a ratio, ppm: rounding, and tolerance of crystals
-)
+# largest error of a stated rate against such a ratio, ppm: rounding, and tolerance of crystals
+_RATE_PPM = 20.0
 _MAX_RAISE = 16  # largest increase of the rate: a slower recording does not hold the sweep
-_TIMED = (
-    0.25  # largest timing error after a gap, samples: 5 m of altitude, the criterion of a correct detection
-)
+# largest timing error after a gap, samples: 5 m of altitude, the criterion of a correct detection
+_TIMED = 0.25
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,18}))?Z?")
 _MOST_INDEX = 1 << 60  # largest sample counter: sums of two stay within 64 bits
 # Settings for the replay of a radio's recording, and their limits: the latency that was subtracted, the full scale.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-_MEMORY_S = (
-    1.0  # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
-)
+# time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
+_MEMORY_S = 1.0
 
 
 class RepeatedFrames:

@@ -18,9 +18,8 @@ _OFFSETS = np.linspace(-0.7, 0.7, 57)
 _LINE = np.sinc((_OFFSETS + np.array([[1], [0], [-1]])) / _PADDING) ** 2
 # slope over curvature of three powers, and the line's offset in cells; a noise floor leaves it alone
 _PEAK = ((_LINE[2] - _LINE[0]) / (2 * _LINE[1] - _LINE[0] - _LINE[2]), _OFFSETS)
-_EDGE = (
-    0.25  # power of the edge over the peak's: the -6 dB point of the rise, as in `AltimeterSettings.strategy`
-)
+# power of the edge over the peak's: the -6 dB point of the rise, as in `AltimeterSettings.strategy`
+_EDGE = 0.25
 
 
 class SummedDetector:

@@ -18,9 +18,8 @@ _FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample
 # Least power of the sweep's peak over any other beyond its flanks (samples): a burst of narrow-band interference
 # correlates with a piece of the sweep at many delays, all about as strong.
 ALONE, _FLANK = 4.0, 3
-_MAX_SPREAD_SAMPLES = (
-    0.2  # largest spread between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
-)
+# largest spread between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
+_MAX_SPREAD_SAMPLES = 0.2
 
 
 class SweepFinder:

@@ -94,11 +94,7 @@ def write_report(
     draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
     draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
-    report = {
-        "headline": _headline(rows, by_case, default),
-        "hazardous": len(events),
-        "events": events,
-    }
+    report = {"headline": _headline(rows, by_case, default), "hazardous": len(events), "events": events}
     values = {
         "flight_s": study.frames * WAVEFORM.sweep_s,
         "kind_table": _kind_table([r for r in by_kind if not r["known_limit"]]),

@@ -15,13 +15,7 @@ from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.receiver.altimeter_settings import pfa_is_per_frame
-from ...core.returns.landing import (
-    AntennaSpec,
-    GroundSpec,
-    LandingSpec,
-    TerrainSpec,
-    TrajectorySpec,
-)
+from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (
     MIN_HEIGHT_M,

@@ -279,11 +279,7 @@ _TRUE = ("snr_db", "time_s", "height_m", "nearest_m", "climb_m_per_s")
 
 
 def _summary_rows(
-    config: LandingConfig,
-    truth: Truth,
-    seed: Sequence[int],
-    methods: Sequence[str],
-    **level: float,
+    config: LandingConfig, truth: Truth, seed: Sequence[int], methods: Sequence[str], **level: float
 ) -> list[dict[str, Any]]:
     frames, sir, sinr = impaired(config, truth, np.random.default_rng(seed), **level)
     levels = {"sir_db": np.median(sir), "snr_db": np.median(truth.snr_db), "sinr_db": np.median(sinr)}

@@ -152,13 +152,7 @@ def long_scene(scene: Scene, seconds: float) -> Scene:
     return dataclasses.replace(scene, altitude=altitude)
 
 
-def fly_benchmark(
-    prepared: Prepared,
-    scene: Scene,
-    *,
-    realtime: bool,
-    time_limit_s: float,
-) -> Measurement:
+def fly_benchmark(prepared: Prepared, scene: Scene, *, realtime: bool, time_limit_s: float) -> Measurement:
     """Run once, watching threads and memory from outside the signal path.
 
     Parameters

@@ -14,13 +14,7 @@ import numpy as np
 
 from ...parsing import check_range
 from ...waveform import exp_cycles
-from ..receiver_filter import (
-    PASSBAND_FRACTION,
-    check_positive,
-    decimate_window,
-    oversampling,
-    window_guard,
-)
+from ..receiver_filter import PASSBAND_FRACTION, check_positive, decimate_window, oversampling, window_guard
 from . import NamedEmitter, register
 
 

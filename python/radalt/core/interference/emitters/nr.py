@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 
 FRAME_SECONDS = 10e-3  # radio frame, TS 38.211 clause 4.3.1
 _AMPLIFIED = 4  # rate of the amplifier over the native rate: products up to the seventh order alias outside the carrier
-HALF_SUBFRAME_SYMBOLS = (
-    7  # symbols of 15 kHz spacing in 0.5 ms, after which the long cyclic prefix comes again
-)
+# symbols of 15 kHz spacing in 0.5 ms, after which the long cyclic prefix comes again
+HALF_SUBFRAME_SYMBOLS = 7
 
 
 def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:

@@ -10,9 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-OVERSAMPLING = (
-    1.5  # points of the grid per sample, at least: images of the window are 90 dB down with 6 points
-)
+# points of the grid per sample, at least: images of the window are 90 dB down with 6 points
+OVERSAMPLING = 1.5
 SPREAD_POINTS = 6  # points per impulse
 INTERPOLATION_POINTS = 4  # samples per interpolated one: errors are 50 dB down
 _TABLE = 2048  # steps of the tabulated window between two points: 66 dB

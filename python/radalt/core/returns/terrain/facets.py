@@ -20,9 +20,8 @@ from .trajectory import AircraftState
 
 # Least simulated height of the antenna above ground, metres: below it lies the antenna's near field.
 MIN_HEIGHT_M = 0.5
-_SQUARE_AT_DEG = (
-    42.0  # latitude at which cells are square, that of the shipped landing; to 2 % within a degree of it
-)
+# latitude at which cells are square, that of the shipped landing; to 2 % within a degree of it
+_SQUARE_AT_DEG = 42.0
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from .synthesis import synthesise
 from .terrain import TerrainModel
 from .trajectory import AircraftState
 
-_MAX_OFF_NADIR_DEG = (
-    60.0  # largest angle off nadir at which facets are sampled: ground there is twice as far away
-)
+# largest angle off nadir at which facets are sampled: ground there is twice as far away
+_MAX_OFF_NADIR_DEG = 60.0
 
 
 @dataclass(frozen=True)
