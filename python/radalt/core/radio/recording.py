@@ -32,7 +32,6 @@ _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,18}))?Z?")
 _MOST_INDEX = 1 << 60  # largest sample counter: sums of two stay within 64 bits
 # Settings for the replay of a radio's recording, and their limits: the latency that was subtracted, the full scale.
 _RADIO_RANGES = {"calibration_samples": (-1e9, 1e9), "full_scale": (1e-9, 1e9)}
-RADIO_KEYS = tuple(_RADIO_RANGES)
 
 
 class RecordingError(ValueError):
@@ -74,7 +73,8 @@ def write_metadata(
     recorder : str
         Name of the recording program.
     radio : mapping, optional
-        Any of `RADIO_KEYS`, for a recording by radio: settings of the segmenter that the scene does not give.
+        ``calibration_samples``, ``full_scale``, for a recording by radio: settings of the segmenter that the scene does
+        not give.
     """
     import sigmf
 
@@ -124,7 +124,7 @@ def _annotations(
                 "on": playing,
                 "waveform": scene.interference_name if playing else "none",
                 "overlap": max((i.overlap for i in scene.interference), default=0.0) if playing else 0.0,
-                "sir_db": _sir_db(scene) if playing else None,
+                "sir_db": float(scene.sir_db) if playing else None,
             },
         }
         low, high = (int(first) * n + round(latency_samples), int(last) * n + round(latency_samples))
@@ -132,12 +132,6 @@ def _annotations(
             a, b = max(low, s.global_index), min(high, s.global_index + s.count)
             if b > a:
                 yield s.file_start + a - s.global_index, b - a, fields
-
-
-def _sir_db(scene: Scene) -> float:
-    if scene.total_sir_db is not None:
-        return float(scene.total_sir_db)
-    return float(-10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in scene.interference)))
 
 
 # -- reading ----------------------------------------------------------------------------------------------------------

@@ -131,20 +131,12 @@ def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:
                 f"sweep.{named} {getattr(sweep, named)} needs interference, and the scene has none"
             )
         return tuple(OverlapPoint.at(0.0, None, snr, frames) for snr in snrs)
-    sirs = sweep.sir_db or (_own_sir_db(scene),)
+    sirs = sweep.sir_db or (scene.sir_db if scene.total_sir_db is not None else round(scene.sir_db, 9),)
     overlaps = sweep.overlap or (max(i.overlap for i in scene.interference),)
     points = (
         OverlapPoint.at(overlap, sir, snr, frames) for snr in snrs for sir in sirs for overlap in overlaps
     )
     return tuple(dict.fromkeys(points))
-
-
-def _own_sir_db(scene: Scene) -> float:
-    """SIR of all interferers of the scene together."""
-    if scene.total_sir_db is not None:
-        return scene.total_sir_db
-    power = sum(10.0 ** (-i.sir_db / 10.0) for i in scene.interference)
-    return round(-10.0 * float(np.log10(power)), 9)
 
 
 def point_seed(seed: int, point: OverlapPoint) -> int:

@@ -79,29 +79,22 @@ class Chain:
 
         There are ``n / looks`` of them. The method is built once per process and reset before the first frame.
         """
-        return self.results_and_changes(frames, waveform)[:2]
-
-    def results_and_changes(
-        self, frames: np.ndarray, waveform: Waveform
-    ) -> tuple[np.ndarray, Mitigation, np.ndarray]:
-        """`results`, and (n,) bool: frames that the method has changed."""
         method = method_of(self, waveform)
         method.reset()
         altimeter = shared_altimeter(waveform, self.settings)
         step = self.looks * max(1, _CHUNK // self.looks)
-        parts, changed = [], []
+        parts = []
         for k in range(0, len(frames), step):
             given = frames[k : k + step]
             if self.independent:
                 cleaned = np.concatenate([_reset(method).process(frame[None]) for frame in given])
             else:
                 cleaned = method.process(given)
-            changed.append((cleaned != given).any(axis=1))
             spectra = altimeter.spectra(cleaned)
             if self.looks > 1:
                 spectra = _averaged(spectra, self.looks)
             parts.append(altimeter.detect(spectra))
-        return np.concatenate(parts), method, np.concatenate(changed)
+        return np.concatenate(parts), method
 
 
 def _reset(method: Mitigation) -> Mitigation:

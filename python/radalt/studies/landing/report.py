@@ -53,7 +53,7 @@ def _band(rows: Sequence[Row]) -> Row:
     """Rows of single frames as one, by the score of the other tables."""
 
     def column(name: str) -> np.ndarray:
-        return np.array([np.nan if r[name] is None else r[name] for r in rows], dtype=float)
+        return np.array([r[name] for r in rows], dtype=float)  # None is NaN
 
     results = np.zeros(len(rows), RESULT_DTYPE)
     for name in ("valid", *MEASURED):

@@ -14,12 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...core.mitigation import METHODS
-from ...core.paths import share_dir
 from ...evaluation.engine.apart import call_apart
 from ...evaluation.engine.study import Point, Study
 from ...evaluation.engine.task import peak_memory_bytes
-from ...evaluation.flowgraph.generate import Prepared, generate, prepare
-from ...evaluation.flowgraph.rewrite import load_grc, prune, simulate
+from ...evaluation.flowgraph.generate import Prepared, generate, prepare, shipped
+from ...evaluation.flowgraph.rewrite import prune, simulate
 from ...evaluation.flowgraph.run import run_point
 from ...evaluation.results.chain import seconds_per_frame
 from ...evaluation.results.rows import Columns
@@ -28,8 +27,8 @@ from .scenes import SCENES, scene_of
 
 def prepare_unpruned(build_dir: Path) -> Prepared:
     """Flowgraph with every chain of the `.grc` file, the jammer's included."""
-    data = simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), "ota_sim_full")
-    return Prepared(generate(prune(data, tuple(METHODS), True), build_dir), tuple(METHODS))
+    data = prune(simulate(shipped(), "ota_sim_full"), tuple(METHODS), True)
+    return Prepared(generate(data, build_dir), tuple(METHODS))
 
 
 def run_once(name: str, frames: int, built: str) -> dict[str, Any]:

@@ -16,10 +16,9 @@ import numpy as np
 from scipy import fft
 
 from ...core.mitigation import OwnProcess
-from ...core.paths import share_dir
 from ...core.scene import Scene
-from ...evaluation.flowgraph.generate import Prepared, generate
-from ...evaluation.flowgraph.rewrite import load_grc, prune, simulate, tracked
+from ...evaluation.flowgraph.generate import Prepared, generate, shipped
+from ...evaluation.flowgraph.rewrite import prune, simulate, tracked
 from ...evaluation.flowgraph.run import make_top
 from ...evaluation.flowgraph.watch import blocks_of, run_to_end
 from .outside import Outside, OutsideWatch
@@ -116,11 +115,7 @@ def prepare_benchmark(
 ) -> Prepared:
     """Generate the simulated flowgraph, held to real time or as fast as it goes; with ``track`` it tracks altitudes."""
     name = f"ota_realtime_{'paced' if realtime else 'free'}"
-    data = prune(
-        simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), name, realtime=realtime),
-        methods,
-        scene.has_jammer,
-    )
+    data = prune(simulate(shipped(), name, realtime=realtime), methods, scene.has_jammer)
     if track:
         data = tracked(data, name)
     for block in data["blocks"]:
