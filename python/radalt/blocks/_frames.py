@@ -1,7 +1,5 @@
 """Frames between blocks: vectors of N samples, each with one tag that carries index, counter and residual delay."""
 
-from __future__ import annotations
-
 import numpy as np
 import pmt
 

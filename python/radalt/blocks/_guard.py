@@ -1,7 +1,5 @@
 """Shared by all blocks: an exception in ``work`` ends the flowgraph, and threads release the interpreter in time."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import sys

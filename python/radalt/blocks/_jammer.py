@@ -1,7 +1,5 @@
 """Base class of the jammer sources: a `JammerStream` as a complex output."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

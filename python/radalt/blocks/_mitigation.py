@@ -1,7 +1,5 @@
 """Base class of the mitigation blocks: a `Mitigation` on frames, with its processing times."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 

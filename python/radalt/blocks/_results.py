@@ -1,7 +1,5 @@
 """What the sinks keep and send: a ring of rows, and results as plain values for messages."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """A bounded queue between a block and a file, so that a slow disk never delays a radio."""
 
-from __future__ import annotations
-
 import queue
 import threading
 from pathlib import Path

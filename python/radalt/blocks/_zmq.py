@@ -1,7 +1,5 @@
 """A ZMQ socket behind a `BoundedListener`; control and telemetry have separate contexts: neither delays the other."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Altimeter sink: frames in, one altitude result per frame out."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

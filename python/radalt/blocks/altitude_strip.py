@@ -1,7 +1,5 @@
 """Altitude strip: rolling charts of the last seconds from streams of altitudes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

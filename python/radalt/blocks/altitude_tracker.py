@@ -1,7 +1,5 @@
 """Altitude tracker: 25 altitudes per second, each with status and protection level."""
 
-from __future__ import annotations
-
 import numpy as np
 import pmt
 

@@ -1,7 +1,5 @@
 """FMCW chirp source with synthetic beat shift."""
 
-from __future__ import annotations
-
 import numpy as np
 from gnuradio import gr
 

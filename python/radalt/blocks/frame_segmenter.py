@@ -1,7 +1,5 @@
 """Frame segmenter: aligned frames from a stream of samples."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable

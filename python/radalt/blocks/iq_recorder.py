@@ -1,7 +1,5 @@
 """IQ recorder: received samples into a SigMF recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mitigation block for every registered method."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ..core.mitigation import Mitigation, create, method_class

@@ -1,7 +1,5 @@
 """Jammer source of the scene's interference, one emitter or several."""
 
-from __future__ import annotations
-
 from ..core.scene import Scene
 from ._jammer import JammerSource
 

@@ -1,7 +1,5 @@
 """5G NR downlink jammer source."""
 
-from __future__ import annotations
-
 from ..core.interference.emitters.nr import NrEmitter
 from ..core.interference.placement import Interferer
 from ..core.scene import Scene

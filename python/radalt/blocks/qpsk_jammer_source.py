@@ -1,7 +1,5 @@
 """QPSK jammer source."""
 
-from __future__ import annotations
-
 from ..core.interference import Interferer, QpskEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource

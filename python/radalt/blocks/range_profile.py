@@ -1,7 +1,5 @@
 """Range profile: beat spectrum and CFAR threshold of frames, for a display."""
 
-from __future__ import annotations
-
 import numpy as np
 from gnuradio import gr
 

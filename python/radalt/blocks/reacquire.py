@@ -1,7 +1,5 @@
 """Reacquire: acquires the timing again at a button's press, at altitude zero and with the jammer silent."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Jammer source of a recording."""
 
-from __future__ import annotations
-
 from ..core.interference.emitters.recording import RecordingEmitter
 from ..core.interference.placement import Interferer
 from ..core.scene import Scene

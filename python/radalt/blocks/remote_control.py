@@ -1,7 +1,5 @@
 """Remote control: publishes results, counters and state, and answers requests, as JSON over ZMQ."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

@@ -1,7 +1,5 @@
 """SigMF source: a recording instead of the receiver."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

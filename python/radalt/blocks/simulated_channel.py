@@ -1,7 +1,5 @@
 """Simulated channel with the front ends of two B210s: replaces the UHD blocks."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

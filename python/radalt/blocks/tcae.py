@@ -1,7 +1,5 @@
 """TCAE block: an ONNX network on frames."""
 
-from __future__ import annotations
-
 from ..core.mitigation import create
 from ..core.scene import Scene
 from ._mitigation import MitigationBlock

@@ -1,7 +1,5 @@
 """Tone jammer source."""
 
-from __future__ import annotations
-
 from ..core.interference import Interferer, ToneEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource

@@ -1,7 +1,5 @@
 """Transmit gate: the last block before a radio's sink."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -3,8 +3,6 @@
 `scipy.signal` gives the same numbers to the bit, but its import costs every process 40 MB and half a second.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import i0
 

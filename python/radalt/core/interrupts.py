@@ -1,7 +1,5 @@
 """Ctrl-C while compiled packages are imported."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 from collections.abc import Iterator

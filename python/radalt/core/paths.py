@@ -1,7 +1,5 @@
 """Paths of scenes, flowgraphs and models: in the source tree, in a wheel, or where CMake installed them."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

@@ -4,8 +4,6 @@
 first registry. Worker processes inherit the variable, so they know the same names as the command line.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 

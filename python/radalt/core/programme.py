@@ -3,8 +3,6 @@
 The blocks schedule altitudes by frame index, never by sleeping or callbacks, so that a run is a function of its seed.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ Keys of namespaces other than ``core`` and ``radalt`` are ignored, headers befor
 skipped, archives are not extracted. The package sigmf is imported when a file is opened.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

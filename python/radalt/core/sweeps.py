@@ -1,7 +1,5 @@
 """Transmitted sweeps by index, with the beat shift of a synthetic altitude."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .programme import SentAltitudes

@@ -1,7 +1,5 @@
 """Messages for users, on one line."""
 
-from __future__ import annotations
-
 import re
 
 MOST = 300  # longest message, characters: four lines of a terminal

@@ -6,8 +6,6 @@
 Companion find a module below an unusual prefix.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 import importlib

@@ -3,8 +3,6 @@
 The flowgraph's blocks are adapters over these objects (`core.scene.build`), so both give equal rows for one seed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Iterator, Mapping, Sequence

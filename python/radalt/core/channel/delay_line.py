@@ -1,7 +1,5 @@
 """Fractional delay line: delays a stream by a slowly changing, non-integer number of samples."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """White Gaussian receiver noise by the Box-Muller transform in float32."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Settings of the simulated channel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..interference.multipath import FadingChannel

@@ -4,8 +4,6 @@ The channel works in blocks of one frame, counted from the transmitter's first s
 a run is a function of its seed, bit for bit. Every impairment is off by default and then costs nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..programme import Programme

@@ -6,8 +6,6 @@ Each has mean power 1 at the antenna port while it transmits, and is a function 
 Frequencies ``offset_hz`` are relative to the centre of the sweep.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol

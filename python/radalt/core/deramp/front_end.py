@@ -5,8 +5,6 @@ signal beside a strong one is then scaled by a gain that follows the strong one'
 frequency is needed. Amplitudes are square-root milliwatts at the receiver's input; the small-signal gain is 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -3,8 +3,6 @@
 Cells of a metre need facets closer than any grid of terrain: rings of equal area about nadir, drawn per sweep.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

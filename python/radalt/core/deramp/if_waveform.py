@@ -7,8 +7,6 @@ receives. Emitters are therefore computed at a *simulation rate* of a few IF ban
 near the IF (`emitters.py`); returns and noise are computed at the IF rate itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar

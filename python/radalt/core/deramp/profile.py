@@ -7,8 +7,6 @@ A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, st
 - ``assumed``: an assumption of this project, and the source says why.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path

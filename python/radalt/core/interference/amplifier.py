@@ -1,7 +1,5 @@
 """A transmitter's power amplifier: Rapp's model of a solid-state amplifier."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ and overlap hold as for every emitter. Fading and sample clock offset are one ti
 few Chebyshev nodes of a block are applied in the frequency domain, and the outputs are interpolated in time.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from functools import lru_cache

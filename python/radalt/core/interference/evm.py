@@ -1,7 +1,5 @@
 """Error vector magnitude of transmitters: what standards allow, and what is typical."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 import numpy as np

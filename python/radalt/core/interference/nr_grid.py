@@ -7,8 +7,6 @@ and error vectors are drawn. Not modelled: CSI-RS other than the tracking refere
 transmit windowing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """Noise of a recording, estimated from the coherence of the cyclic prefix of its OFDM."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 

@@ -5,8 +5,6 @@ scales it so that the power averaged over the frame meets the SIR exactly. They 
 SIR and overlap holds for every emitter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Interference as a stream of frames, for the jammer source blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

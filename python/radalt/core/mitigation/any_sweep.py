@@ -12,8 +12,6 @@ another sweep once the sizes are counted in that sweep's own units:
 tables; the exported network takes them as inputs, bound once when it is loaded.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """The one interface of every mitigation method."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ where the ground is: dechirped, a return is one line in each half sweep, at any 
 strongest pair of lines lies beyond the span, the frame passes unchanged, and the altimeter then finds nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage
 

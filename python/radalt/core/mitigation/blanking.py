@@ -1,7 +1,5 @@
 """Blanking: excise what stands out in the time-frequency plane, except where the return can be."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 

@@ -1,7 +1,5 @@
 """Your own method: a Python file with a function `mitigate`, or with a `Mitigation` of its own."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import os

@@ -1,7 +1,5 @@
 """A user's function as a method, for `radalt.method` and `radalt.evaluate`."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import inspect

@@ -1,7 +1,5 @@
 """OFDM and QPSK are cancelled where they can be demodulated; everything else goes to the network, or is whitened."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

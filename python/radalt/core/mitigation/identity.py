@@ -1,7 +1,5 @@
 """No mitigation: the row every method is measured against."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .base import Mitigation, PlotStyle

@@ -1,7 +1,5 @@
 """Normalisation and dither of frames for a network's input."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -12,8 +12,6 @@ exponentially distributed, and the mean of their squares is twice the square of 
 Interference leaves some of these cells empty, and the ratio is higher.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 

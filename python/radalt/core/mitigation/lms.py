@@ -5,8 +5,6 @@ input power, so in the paper's setting it diverges for an input power above abou
 repaired; `Nlms` is the repaired method.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter

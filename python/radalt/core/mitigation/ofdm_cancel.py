@@ -1,7 +1,5 @@
 """Cancellation of OFDM: demodulate what a 4G or 5G base station sends, subtract it, keep the return."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 onnxruntime is imported when a model is loaded, never at module level: a scene without a network does not need it.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

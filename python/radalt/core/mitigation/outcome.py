@@ -1,7 +1,5 @@
 """What a canceller says about a frame: the interface between the cancellers and `Hybrid`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """A method in a process of its own, so that it computes beside the interpreter that everything else shares."""
 
-from __future__ import annotations
-
 import dataclasses
 import mmap
 import os

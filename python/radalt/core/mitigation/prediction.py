@@ -4,8 +4,6 @@ A tone or a narrow band is predictable from a few samples; noise is not, and nei
 moved on. Two ways: an adaptive one-step predictor, and the best predictor of the whole frame as a filter of zero phase.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, linalg
 

@@ -1,7 +1,5 @@
 """Cancellation of QPSK: demodulate it blindly, rebuild it with the pulse that was received, subtract it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

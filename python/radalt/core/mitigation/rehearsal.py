@@ -4,8 +4,6 @@ A method file is a program and an ONNX file is one too. A loop without end while
 hang our command or end it with status 0 and without a word. In the rehearsal only the rehearsal's process is lost.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json

@@ -6,8 +6,6 @@ altitude has to be the one measured before the network. So does an altitude from
 of the noise, which moves with the frame as a return does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Temporal convolutional autoencoder, or any other network with the same contract, through ONNX Runtime."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from contextlib import nullcontext

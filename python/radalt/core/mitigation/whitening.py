@@ -1,7 +1,5 @@
 """Spectral whitening: divide the frame's spectrum by a smoothed estimate of itself."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage
 

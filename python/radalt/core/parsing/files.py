@@ -1,7 +1,5 @@
 """Reading files that users name: regular files of bounded size, and YAML by a strict reader."""
 
-from __future__ import annotations
-
 import functools
 import math
 import stat

@@ -4,8 +4,6 @@ A wrong key, unit, range or type gives one line that names key, value and what i
 every quantity are defined here.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import inspect

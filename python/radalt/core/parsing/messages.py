@@ -1,7 +1,5 @@
 """Messages about unusable input: the error class, and values on one line."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import reprlib

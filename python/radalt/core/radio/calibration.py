@@ -8,8 +8,6 @@ The file maps ``<type>/<serial>/<master clock>/<rate>`` to samples. Entries ``<m
 they are kept and never used.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

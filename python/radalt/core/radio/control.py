@@ -6,8 +6,6 @@
 {"version": 1, "command": "stop"}
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ connection, and unlinks an ``ipc://`` path before it binds it. It therefore bind
 relays the public endpoint to it.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

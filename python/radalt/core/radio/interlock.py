@@ -1,7 +1,5 @@
 """Transmit interlock: the air is regulated, 4.2-4.4 GHz is a safety-of-life band (docs/design.md)."""
 
-from __future__ import annotations
-
 from ..scene import Scene
 from .levels import rx_level_dbm
 

@@ -5,8 +5,6 @@ The model is an upper bound for the interlock, not for metrology: a radio transm
 strongest signal.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Powers are relative to full scale: a complex sample of magnitude 1 is 0 dBFS. NaN stands for missing samples.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform

@@ -5,8 +5,6 @@ since the transmitter's start, so that a replay sees the same gaps. The namespac
 and, as annotations, altitude and jammer state by frame. sigmf is imported when a file is opened or closed.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The interlock at the start of a flowgraph (`require_enclosure`) can be disabled 
 another program uses the generated class. The gate cannot be bypassed: samples reach the radio through it only.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

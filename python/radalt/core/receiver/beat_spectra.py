@@ -11,8 +11,6 @@ Both half sweeps are turned so that an altitude shows as a *positive* beat: cell
 ``k tau + f_D``, cells of the down sweep at ``k tau - f_D``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cramer-Rao bounds of the up/down beat estimate."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import C_M_PER_S, Waveform

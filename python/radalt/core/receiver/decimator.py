@@ -1,7 +1,5 @@
 """Low-pass and decimation of dechirped half sweeps to the beat band, as a matrix product per block."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Deleter: when a track ends."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

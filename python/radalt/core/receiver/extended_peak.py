@@ -1,7 +1,5 @@
 """Positions of extended returns in a beat spectrum: centroid and leading edge of the run of cells around a peak."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

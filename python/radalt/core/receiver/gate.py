@@ -1,7 +1,5 @@
 """Gate: which returns of a block may continue a track."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtri
 

@@ -1,7 +1,5 @@
 """Initiator: candidates for a track, from a block's strongest return to their confirmation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

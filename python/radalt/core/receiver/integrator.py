@@ -5,8 +5,6 @@ exponential noise that costs 0.3 dB of sensitivity against the plain sum. In ret
 however strong its peak: what a method invents in one frame of forty is outvoted.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..returns.point import point_return

@@ -1,7 +1,5 @@
 """Timing held on the transmitter's leakage: since its delay is constant, a change of it is a timing error."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 from scipy.linalg import blas

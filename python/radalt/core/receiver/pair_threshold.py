@@ -1,7 +1,5 @@
 """The threshold on the sum of both half sweeps' significance, from the crossings of a noise spectrum."""
 
-from __future__ import annotations
-
 import numpy as np
 
 # Of the law's false alarms. White noise then makes 0.8 to 1.0 of the bound, 0.91 in the mean, over 14 settings of

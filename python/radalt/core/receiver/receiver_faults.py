@@ -1,7 +1,5 @@
 """Faults of a receiver that leave its frames valid and wrong: frozen samples, a quadrature error."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform

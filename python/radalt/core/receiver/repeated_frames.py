@@ -1,7 +1,5 @@
 """Frames that a frozen receiver repeats: equal bit for bit, as frames with noise never are."""
 
-from __future__ import annotations
-
 import numpy as np
 
 # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames

@@ -1,7 +1,5 @@
 """One block for the tracker's parts: its sums, its place in time, and the least errors of a measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Settings of the frame segmenter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..parsing import check_range

@@ -1,7 +1,5 @@
 """Losses of samples without a tag: which slip of timing and frame index explains the measured delays of the sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

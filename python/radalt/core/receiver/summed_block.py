@@ -1,7 +1,5 @@
 """Returns in the sums over one block of frames: the strongest, others beside it, their errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

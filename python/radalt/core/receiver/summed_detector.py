@@ -4,8 +4,6 @@
 a limiter and a frequency counter over the whole IF, as altimeters before digital signal processing have it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage, special
 

@@ -1,7 +1,5 @@
 """Whether a frame shows its sweep at the delay it was sent with: a verdict per frame, which never moves the timing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform, altitude_to_delay_s

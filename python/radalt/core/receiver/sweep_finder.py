@@ -1,7 +1,5 @@
 """Delay of the sweep in received samples: by correlation at any delay, by matched filters near an expected one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which cell of the up sweep and which of the down sweep are one target."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

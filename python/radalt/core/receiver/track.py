@@ -1,7 +1,5 @@
 """One track of the altitude tracker: its Kalman filter, and its evidence against every rival altitude."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Integrity of a track: rivals that could be the ground, and the protection level of its altitude."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings and outputs of the altitude tracker."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Updater: measures tracks in a block, and updates their filter and evidence."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .gate import Gate

@@ -1,7 +1,5 @@
 """Transmitter, losses and receiver of the radar over terrain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scipy.constants import Boltzmann

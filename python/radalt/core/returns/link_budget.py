@@ -4,8 +4,6 @@ All powers and densities hold at the receiver's input, behind the receive cable;
 transmitter's output to there, as altimeter test sets state it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.constants import speed_of_light
 

@@ -1,7 +1,5 @@
 """Point returns: delayed, Doppler-shifted copies of the sweep (docs/design.md), evaluated without a filter."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles

@@ -1,7 +1,5 @@
 """Objects of the signal path from a scene, for the blocks of a flowgraph and for runs without one."""
 
-from __future__ import annotations
-
 from ..channel.simulated import SimulatedChannel
 from ..interference.stream import JammerStream
 from ..programme import SentAltitudes

@@ -1,7 +1,5 @@
 """Displays of a live view: the range profile with its threshold, and a strip of altitudes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -3,8 +3,6 @@
 A wrong key, unit, range or type gives one line that names file, key, value and what is allowed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sections of a scene: altitudes, the sweep over overlap, radios (docs/design.md)."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

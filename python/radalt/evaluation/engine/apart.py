@@ -1,7 +1,5 @@
 """Calls in a fresh Python process, whose memory, imports and threads are the call's own."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

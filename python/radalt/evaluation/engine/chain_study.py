@@ -1,7 +1,5 @@
 """Base class of studies that compare chains of method and altimeter."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

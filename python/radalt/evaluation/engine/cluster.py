@@ -6,8 +6,6 @@ that join later). A task is then a point. A worker measures it in a process of i
 lost worker to another one, and rows are a function of study and point.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import hashlib

@@ -1,7 +1,5 @@
 """Running a study from a command line: estimate, progress, one line for each error."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shlex

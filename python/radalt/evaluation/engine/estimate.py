@@ -1,7 +1,5 @@
 """Estimated duration of a study, from a short sample of its work on this machine."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

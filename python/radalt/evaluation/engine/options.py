@@ -3,8 +3,6 @@
 This module does not import NumPy, so that an unsuitable Python gets one line as well.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import functools

@@ -4,8 +4,6 @@ The processes are managed by pebble, which can end a task that hangs in C++ and 
 Faulty flowgraphs do both.
 """
 
-from __future__ import annotations
-
 import atexit
 import multiprocessing
 import os

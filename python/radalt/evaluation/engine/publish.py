@@ -1,7 +1,5 @@
 """Copies page, figures and data of a result folder to the stable names that the documentation links to."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Mapping

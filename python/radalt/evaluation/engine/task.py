@@ -1,7 +1,5 @@
 """Measurement of a point in a worker."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass

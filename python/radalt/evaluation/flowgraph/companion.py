@@ -6,8 +6,6 @@ The flowgraphs use it in their option *Run Command*. Without it, a generated pro
 scene or a missing radio, and ends with 0 when a block has failed.
 """
 
-from __future__ import annotations
-
 import runpy
 import sys
 from collections.abc import Sequence

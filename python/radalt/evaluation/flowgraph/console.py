@@ -1,7 +1,5 @@
 """Summary of a finished flowgraph for the companion's console: score of each method, and counters."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ...core.mitigation import METHODS

@@ -1,7 +1,5 @@
 """Generation of Python from a flowgraph by GNU Radio's compiler."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import io

@@ -1,7 +1,5 @@
 """Window of the live view: size, markers and status line; the flowgraph's snippet calls `dress`."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable

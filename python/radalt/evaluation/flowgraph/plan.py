@@ -3,8 +3,6 @@
 The flowgraph, the reports and ``ota_eval.py --plan`` use this list. The planner imports none of the parts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

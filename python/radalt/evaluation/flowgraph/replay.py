@@ -1,7 +1,5 @@
 """Scores of recordings through the flowgraph: ``ota_eval.py --replay`` writes rows and frames."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json

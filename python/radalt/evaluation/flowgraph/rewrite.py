@@ -4,8 +4,6 @@ For simulation, one simulated channel replaces the three UHD blocks and the gate
 radios only are removed, and no frame is dropped; blocks that the scene does not need are disabled.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Sequence

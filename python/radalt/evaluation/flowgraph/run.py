@@ -1,7 +1,5 @@
 """Runs a generated flowgraph for a scene to its end and collects its results."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys

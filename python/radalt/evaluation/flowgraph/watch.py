@@ -1,7 +1,5 @@
 """Runs flowgraphs: start, poll, stop, and raise the exceptions of blocks."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

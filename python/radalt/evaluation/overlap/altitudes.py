@@ -1,7 +1,5 @@
 """Results by altitude: rows of altitudes.csv, distribution of errors, and intervals of RMSE."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 Every figure is written as PNG, PDF and SVG; in the SVG, a tooltip shows a point's values.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Tables of the main study's report; its prose is in ``report.md.j2``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

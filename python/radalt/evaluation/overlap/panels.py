@@ -1,7 +1,5 @@
 """Panels of tables and figures: rows that differ in the horizontal axis and the series alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 

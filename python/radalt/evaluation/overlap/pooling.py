@@ -4,8 +4,6 @@ Counts are added and Wilson intervals recomputed. Only runs with equal settings 
 (equal scene and seed, so equal random numbers) counts once.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Reports of finished runs, from anybody: what does not hold is refused in one line before it is pooled or shown."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Rows of the main study: one per method and point."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The plan of `settings` carried out on UHD blocks: settings read back, lock sensors, time, a common start."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@
 simulation. Titles, limits and causes are in first_light.yaml, measurements in `first_light_steps`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

@@ -1,7 +1,5 @@
 """What the first hour found, in one zip of at most 50 MB: report, rows, recordings, versions; and reading one."""
 
-from __future__ import annotations
-
 import csv
 import io
 import lzma

@@ -1,7 +1,5 @@
 """What each step of the first hour measures; limits and causes are in first_light.yaml."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """One point of a sweep on two B210s: the companion's flowgraph, its radios set up by `setup`."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import re

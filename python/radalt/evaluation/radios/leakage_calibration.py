@@ -1,7 +1,5 @@
 """Leakage calibration of a scene's simulated installation, by the steps of a real one."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

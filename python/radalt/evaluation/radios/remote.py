@@ -1,7 +1,5 @@
 """The endless flowgraph for remote control: ota_b210.grc with altitudes by hand and a control socket."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import threading

@@ -4,8 +4,6 @@ The order is clock and time source, rate, antenna, gain, frequency with the LO o
 for the lock sensors afterwards and sets the time.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from ...core.radio.interlock import InterlockError, require_enclosure

@@ -5,8 +5,6 @@ its settings. The snippet ``set_up_radios`` calls it in flowgraphs from the comp
 from the command line.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

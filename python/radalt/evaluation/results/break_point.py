@@ -1,7 +1,5 @@
 """Break-point SIR and protection gain: one definition for every study."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

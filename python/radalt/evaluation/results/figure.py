@@ -1,7 +1,5 @@
 """Figures as files: PNG for pages, PDF for print, SVG with tooltips for `report.html`."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from html import escape

@@ -5,8 +5,6 @@ the rows of each measured point, every line with a digest of the line and the ma
 others) are written from it, so that a resumed run has the measured rows of this run only.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """HTML from the Markdown of the report templates: headings, paragraphs, lists, tables, figures."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from html import escape

@@ -1,7 +1,5 @@
 """Pages from templates: the text of a report is a ``.md.j2`` or ``.html.j2`` file beside the study's code."""
 
-from __future__ import annotations
-
 import base64
 import time
 from collections.abc import Mapping

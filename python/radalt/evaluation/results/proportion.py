@@ -1,7 +1,5 @@
 """95 % intervals of a binomial proportion."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
 

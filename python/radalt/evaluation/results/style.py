@@ -4,8 +4,6 @@ Colours are Okabe and Ito's, distinguishable with any colour vision; marker, fil
 methods in grey as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

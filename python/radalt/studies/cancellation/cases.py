@@ -1,7 +1,5 @@
 """Cases of the cancellation study: signals of base stations and QPSK transmitters, their channels and radios."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Study: tracked flights below base stations, behind any methods."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

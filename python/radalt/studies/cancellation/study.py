@@ -1,7 +1,5 @@
 """Pd, error, wrong altitudes and cost of the cancellers over SIR, case by case."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Flights below base stations that transmit continuously: altitudes per frame and tracked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Figure of the study of single frames: altitudes declared beside the textbook's, and false altitudes in noise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

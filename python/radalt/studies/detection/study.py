@@ -3,8 +3,6 @@
 Rows are a function of the case, the number of frames and the seed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ parabolic interpolation. A forced decision is the largest sum; a cell-averaging 
 mean of the band.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 _C_M_PER_S = 299_792_458.0

@@ -1,7 +1,5 @@
 """SigMF recordings of what was received before a hazardous output."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

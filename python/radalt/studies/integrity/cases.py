@@ -1,7 +1,5 @@
 """Cases of the integrity campaign: every kind, and the list of all cases with the limits that they meet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Tables of the integrity campaign, and the cells of its Stanford diagram."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...evaluation.results.integrity import COUNTS, Integrity

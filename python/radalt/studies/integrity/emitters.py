@@ -1,7 +1,5 @@
 """Interferers of the integrity campaign, which continue from frame to frame."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass

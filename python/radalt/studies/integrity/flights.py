@@ -1,7 +1,5 @@
 """Flights of the integrity campaign: the true altitude of every frame, a function of (case, seed, batch)."""
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import dataclass
 

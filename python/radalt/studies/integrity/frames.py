@@ -1,7 +1,5 @@
 """Aligned frames of a flight: returns, interference and noise, with the receiver's faults."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 

@@ -1,7 +1,5 @@
 """Frames of a flight as methods get them: aligned already, or from the segmenter, with leakage and clocks apart."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator

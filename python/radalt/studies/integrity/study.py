@@ -1,7 +1,5 @@
 """Study: altitudes of all methods, tracked and per frame, over the campaign's cases; all share a flight's frames."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Assumptions on which a landing result depends, a row of the sensitivity table each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

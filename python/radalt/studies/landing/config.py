@@ -1,7 +1,5 @@
 """Settings of the landing study, from one YAML file (`load_config`); rows depend on nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, field
 from functools import lru_cache

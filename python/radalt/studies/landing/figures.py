@@ -1,7 +1,5 @@
 """Figures of the landing study; matplotlib is imported when one is drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill

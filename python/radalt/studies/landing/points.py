@@ -1,7 +1,5 @@
 """Rows of the landing study: those of a point, a function of (config, point)."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import time

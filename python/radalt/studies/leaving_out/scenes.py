@@ -1,7 +1,5 @@
 """Scenes of the study of leaving out."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ...core.scene import Scene, parse_scene

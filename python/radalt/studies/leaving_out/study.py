@@ -1,7 +1,5 @@
 """What leaving out saves: scenes as the planner prunes them, against the same scenes with everything built."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Cost of each stage of the live path as a function in a loop, without GNU Radio."""
 
-from __future__ import annotations
-
 import time
 from collections import defaultdict
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Cost of GNU Radio and its Python gateway with blocks that only copy."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cost of the arithmetic inside each stage: a lower bound for any way of calling NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage
 from scipy.linalg import blas

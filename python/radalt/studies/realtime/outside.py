@@ -1,7 +1,5 @@
 """How long other programs held up the cores during a run of the live path."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Report of the real-time benchmark: rates, cost by block, latency."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Speed of the live path: real-time factor, CPU by block, latency from frame end to altitude, drops, memory."""
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import os

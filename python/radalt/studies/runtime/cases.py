@@ -1,7 +1,5 @@
 """Interferers and frames of the error-against-run-time study."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

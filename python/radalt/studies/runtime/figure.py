@@ -1,7 +1,5 @@
 """Figure of the error-against-run-time report: Pd against CPU time, with the names of the chains to choose from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

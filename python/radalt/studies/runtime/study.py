@@ -1,7 +1,5 @@
 """Error against run time: every method and model on the same frames, in one process, by turns."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

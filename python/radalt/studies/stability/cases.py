@@ -4,8 +4,6 @@ A case holds a few frames, the altitudes that would be right, and the largest er
 seeds it, so that every case can be run alone.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

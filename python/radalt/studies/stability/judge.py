@@ -4,8 +4,6 @@ A row passes if every frame gives an altitude within the case's bound or ``valid
 raised, and the clean frame after the case is measured as by a method that saw nothing before.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import warnings

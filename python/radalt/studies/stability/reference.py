@@ -1,7 +1,5 @@
 """Float64 references of methods and altimeter that share no code with the core: whole-frame NumPy, no tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stability report: counts of verdicts, rows that did not pass, one figure; every row is in rows.csv."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Stability: every method and precision on stiff, extreme and broken frames, judged against float64."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

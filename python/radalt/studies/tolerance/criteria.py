@@ -1,7 +1,5 @@
 """Criteria of a usable altimeter, and the level at which one fails."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

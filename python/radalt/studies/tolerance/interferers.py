@@ -1,7 +1,5 @@
 """Interferers of the tolerance campaign: their frames at the IF, and the meaning of their level."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 IF frames of an interferer are made once per point and scaled, so that levels, altitudes and criteria share them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -5,8 +5,6 @@ as in a receiver, so that nothing aliases into the band. Its long-run mean power
 the band for a short time only, so by default a window is drawn that contains a crossing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

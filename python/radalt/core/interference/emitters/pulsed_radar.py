@@ -5,8 +5,6 @@ as in a receiver, so that nothing aliases into the band. Its long-run mean power
 cycle is low, so by default a window is drawn that contains a pulse.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar

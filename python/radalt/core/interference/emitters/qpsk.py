@@ -1,7 +1,5 @@
 """QPSK with rectangular or root-raised-cosine pulses."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """QPSK behind a receiver's filter, with a symbol clock that is independent of the sample clock."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

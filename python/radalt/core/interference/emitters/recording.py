@@ -1,7 +1,5 @@
 """A recording as an interferer: shifted into the band and placed like every emitter."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import lru_cache

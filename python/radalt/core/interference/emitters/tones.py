@@ -1,7 +1,5 @@
 """Unmodulated carriers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

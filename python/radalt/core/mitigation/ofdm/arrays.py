@@ -1,7 +1,5 @@
 """Array helpers of the receiver: powers, complex exponentials without a call per element, blocks of subcarriers."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

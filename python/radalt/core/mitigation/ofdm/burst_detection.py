@@ -1,7 +1,5 @@
 """Short loud bursts: better blanked than demodulated from their few symbols."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 

@@ -1,7 +1,5 @@
 """Carrier frequency offset: what is left of it turns each symbol within itself."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import power

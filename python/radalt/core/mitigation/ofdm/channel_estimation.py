@@ -5,8 +5,6 @@ share it differently: *static*, one channel for the frame; *moving*, a parabola 
 slope for each resource block and part of a half slot, as precoding has it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -5,8 +5,6 @@ A point of square QAM has two independent rails (TS 38.211 clause 5.1). With noi
 ``p(x) = mean_a exp(-(x - a)^2 / nu) / sqrt(pi nu)``, and ``E[a | x] = sum_a a exp(-(x - a)^2 / nu) / sum_a exp(...)``.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numerology: lengths and times of the symbols of LTE and NR at the radar's rate."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Common phase and timing of each symbol."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .equaliser import ElementGrid, timing_ramp

@@ -1,7 +1,5 @@
 """Reconstruction: samples of the demodulated emitter, what a frame is without them, and blanking where that failed."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 

@@ -1,7 +1,5 @@
 """Radar return: is it visible, where is its tone, and is what is left consistent with one return and white noise?"""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

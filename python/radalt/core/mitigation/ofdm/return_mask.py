@@ -1,7 +1,5 @@
 """Return mask: the resource elements that a radar return of any altitude in the span may occupy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...waveform import C_M_PER_S, Waveform

@@ -1,7 +1,5 @@
 """Every number of the OFDM canceller that could have been another one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

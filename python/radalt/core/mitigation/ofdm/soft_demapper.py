@@ -7,8 +7,6 @@ synchronisation signals and silence hold for about a resource block of one symbo
 "Randomly spread CDMA", IEEE Trans. Inf. Theory 51(6), 2005: the posterior mean minimises the squared error).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Synchronisation: spacing, symbol timing and CFO from the cyclic prefix, the long prefix from fourth powers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

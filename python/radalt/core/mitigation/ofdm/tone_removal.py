@@ -1,7 +1,5 @@
 """Tones on top of a wide signal: found as lines of the frame's spectrum, fitted by least squares, subtracted."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

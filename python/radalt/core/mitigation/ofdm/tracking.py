@@ -1,7 +1,5 @@
 """Tracking: what one frame says of an emitter serves the next, which needs no search."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Carrier recovery by the fourth power, and decisions on QPSK symbols."""
 
-from __future__ import annotations
-
 import cmath
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a frame to decided QPSK symbols: a fractionally spaced equaliser that starts blindly."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

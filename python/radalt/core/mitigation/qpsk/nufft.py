@@ -4,8 +4,6 @@ Impulses are spread over a finer grid by a short window, and the transform is di
 V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993). Interpolation is the adjoint.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Short filters over a frame by overlap-save: transforms of many segments cost less than one of the frame."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft

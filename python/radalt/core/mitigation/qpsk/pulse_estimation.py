@@ -1,7 +1,5 @@
 """The pulse that symbols were sent with, channel and filters included, by least squares."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

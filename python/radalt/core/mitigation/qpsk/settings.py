@@ -1,7 +1,5 @@
 """Every setting of the QPSK receiver, with its unit and where it comes from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Symbol rate and timing of a linear modulation about which nothing is known."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

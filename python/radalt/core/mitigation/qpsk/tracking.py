@@ -1,7 +1,5 @@
 """Tracking of an emitter that fills the frame: timing, carrier, equaliser and pulse of the last frame are known."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 

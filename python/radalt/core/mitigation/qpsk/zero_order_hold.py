@@ -3,8 +3,6 @@
 No receiver with a filter hears this. It is here since the paper's emitter is so, and is read in every frame anew.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .carrier_recovery import decide

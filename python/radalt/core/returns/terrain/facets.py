@@ -7,8 +7,6 @@ and the sum decorrelates along the path exactly as its changing geometry makes i
 right coherence.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

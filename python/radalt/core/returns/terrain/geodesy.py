@@ -4,8 +4,6 @@ Formulae: NIMA TR8350.2, 3rd ed. (2000), chapter 3 (constants) and B. Hofmann-We
 section 8.2. Angles are in degrees at every interface, lengths in metres, all arrays float64.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 SEMI_MAJOR_M = 6378137.0  # TR8350.2, Table 3.1

@@ -5,8 +5,6 @@ and none was measured at 4.3 GHz and nadir over a town. ``level_db`` shifts a wh
 studies.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A landing by frame index, for flowgraphs: altitude profile and ground return of each frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

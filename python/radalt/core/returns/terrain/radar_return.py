@@ -1,7 +1,5 @@
 """The radar return of terrain: radar equation over earth-fixed facets, as complex frames."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

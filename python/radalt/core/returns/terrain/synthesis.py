@@ -6,8 +6,6 @@ a few tens of kilohertz, so their sum is summed at a few dozen instants and inte
 transitions are summed over range bins. The tests hold it against the sum of every sweep at every sample.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
