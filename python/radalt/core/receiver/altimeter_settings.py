@@ -1,7 +1,5 @@
 """Settings of the altimeter, and the record of one frame's result."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -116,7 +114,7 @@ class AltimeterSettings:
         *,
         highest_altitude_m: float = 1500.0,
         vertical_speed_m_per_s: float | None = None,
-    ) -> AltimeterSettings:
+    ) -> "AltimeterSettings":
         """The same settings with numbers in place of None: the given ones, the altitude within the waveform's limit."""
         span: dict[str, Any] = {}
         if self.max_altitude_m is None:

@@ -1,7 +1,5 @@
 """Constant false-alarm rate: noise level of every beat cell, and the probability that noise reaches a cell's power."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -70,7 +68,7 @@ class Significance(NamedTuple):
         value *= looks
         return value
 
-    def frames(self, which: np.ndarray) -> Significance:
+    def frames(self, which: np.ndarray) -> "Significance":
         """The same for some of the frames, by index or mask."""
         return Significance(*(field[which] for field in self))
 

@@ -1,7 +1,5 @@
 """A scene as typed, validated, frozen dataclasses (docs/design.md)."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass, field
@@ -214,7 +212,7 @@ class Scene:
         sir_db: float | None = None,
         snr_db: float | None = None,
         seed: int | None = None,
-    ) -> Scene:
+    ) -> "Scene":
         """The scene at one point of a sweep over overlap, SIR and SNR.
 
         Overlap and SIR apply to every interferer; with several, each keeps its SIR relative to the first and the sum

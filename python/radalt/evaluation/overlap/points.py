@@ -1,7 +1,5 @@
 """Points of a sweep: each is a function of (scene, point, seed), in any order and process."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -29,7 +27,7 @@ class OverlapPoint(Point):
     @classmethod
     def at(
         cls, overlap: float, sir_db: float | None, snr_db: float | None, frames: int = 0, table: str = "rows"
-    ) -> OverlapPoint:
+    ) -> "OverlapPoint":
         """A point with a name made of its values."""
         parts = ["ceiling"] if table == "ceiling" else [f"overlap {overlap:g}"]
         parts = ["tracked", *parts] if table == "tracked" else parts

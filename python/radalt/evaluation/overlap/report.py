@@ -1,11 +1,9 @@
 """Report of a run's rows: report.json, report.md and the figures."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -21,9 +19,7 @@ from .altitudes import with_intervals
 from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
 from .markdown import every_row, report_markdown
 from .panels import Row, swept_axes, with_interference
-
-if TYPE_CHECKING:
-    from .study import OverlapStudy
+from .study import OverlapStudy
 
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 

@@ -1,7 +1,5 @@
 """Processing chain of studies without a flowgraph: method and altimeter."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from dataclasses import dataclass, field
@@ -42,7 +40,7 @@ class Chain:
         *,
         options: tuple[tuple[str, Any], ...] = (),
         settings: AltimeterSettings | None = None,
-    ) -> Chain:
+    ) -> "Chain":
         """A network, with further ``options`` of the method `tcae`."""
         precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
         options = (("model", str(model)), *options)
@@ -59,7 +57,7 @@ class Chain:
         model = dict(self.options).get("model")
         return Path(model) if model else None
 
-    def with_model(self, model: Path) -> Chain:
+    def with_model(self, model: Path) -> "Chain":
         """The chain with its network at another path."""
         options = tuple((k, str(model) if k == "model" else v) for k, v in self.options)
         return dataclasses.replace(self, options=options)

@@ -6,8 +6,6 @@ level, *hazardous* if the error exceeds the alert limit while the protection lev
 upper bound is above zero for zero events as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -59,7 +57,7 @@ class Integrity:
     followed: int = 0  # computed outputs that have a next output
     unbounded: int = 0  # computed outputs whose protection level exceeds the alert limit: not available
 
-    def __add__(self, other: Integrity) -> Integrity:
+    def __add__(self, other: "Integrity") -> "Integrity":
         return Integrity(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def rate(self, name: str) -> float:
@@ -71,7 +69,7 @@ class Integrity:
         return clopper_pearson_bound(getattr(self, name), self.outputs)
 
     @classmethod
-    def of_row(cls, row: Mapping[str, Any]) -> Integrity:
+    def of_row(cls, row: Mapping[str, Any]) -> "Integrity":
         """Counts of a report's row."""
         return cls(*(row[name] for name in COUNTS))
 

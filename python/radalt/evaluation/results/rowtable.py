@@ -1,7 +1,5 @@
 """Rows as a printable table with conversion to NumPy and pandas."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, overload
@@ -39,8 +37,8 @@ class Table(Sequence[Mapping[str, Any]]):
     @overload
     def __getitem__(self, index: int) -> Mapping[str, Any]: ...
     @overload
-    def __getitem__(self, index: slice) -> Table: ...
-    def __getitem__(self, index: int | slice) -> Mapping[str, Any] | Table:
+    def __getitem__(self, index: slice) -> "Table": ...
+    def __getitem__(self, index: int | slice) -> "Mapping[str, Any] | Table":
         return self._rows[index] if isinstance(index, int) else Table(self._rows[index], self._shown)
 
     def __len__(self) -> int:
@@ -69,7 +67,7 @@ class Table(Sequence[Mapping[str, Any]]):
             out[name] = values
         return out
 
-    def to_pandas(self) -> pandas.DataFrame:
+    def to_pandas(self) -> "pandas.DataFrame":
         """The table as a pandas ``DataFrame``; raises ImportError without pandas."""
         import pandas
 

@@ -1,10 +1,8 @@
 """Page of the integrity campaign: pooled cases, every hazardous output, two figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +14,7 @@ from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
 from .cases import BLOCK, KINDS, WAVEFORM, case_of
 from .columns import BY_KIND, EVENTS, FRAMES, POOLED
-
-if TYPE_CHECKING:
-    from .study import IntegrityStudy
+from .study import IntegrityStudy
 
 Row = Mapping[str, Any]
 _START = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track

@@ -1,10 +1,8 @@
 """Report of the landing study: tables, the comparison with the paper, report.json and report.md."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -21,9 +19,7 @@ from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 from .figures import condition, curve_of, draw_figures
 from .points import MEASURED, accuracy
-
-if TYPE_CHECKING:
-    from .study import LandingStudy
+from .study import LandingStudy
 
 Row = dict[str, Any]
 

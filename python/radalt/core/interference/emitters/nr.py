@@ -4,8 +4,6 @@ The carrier is generated at its native rate (or a multiple, where its offset nee
 then filtered as in a receiver, resampled by polyphase filters and cached. Windows are cut from the cache.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
@@ -152,7 +150,7 @@ class NrEmitter(NamedEmitter, NrConfig):
         signal, residual_hz = self.period(rate_hz)
         return random_window(signal, residual_hz / rate_hz, count, rng)
 
-    def period(self, rate_hz: float, amplifier: Amplifier | None = None) -> tuple[np.ndarray, float]:
+    def period(self, rate_hz: float, amplifier: "Amplifier | None" = None) -> tuple[np.ndarray, float]:
         """One period of the received signal, for streaming: (frame_count * 10 ms * rate,) complex128, and Hz.
 
         The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a
@@ -172,7 +170,7 @@ def _internal_fft_length(emitter: NrEmitter, rate_hz: float) -> int:
 
 
 @lru_cache(maxsize=8)  # a period of a second is 120 MB
-def _received(emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None) -> tuple[np.ndarray, float]:
+def _received(emitter: NrEmitter, rate_hz: float, amplifier: "Amplifier | None") -> tuple[np.ndarray, float]:
     """See `NrEmitter.period`."""
     reach_hz = rate_hz / 2 + emitter.occupied_bandwidth_hz / 2
     if abs(emitter.carrier_hz) >= reach_hz:

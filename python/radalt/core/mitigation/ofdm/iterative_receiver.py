@@ -9,8 +9,6 @@ The walk of a frame::
 All gates compare with the noise that is measured from the decisions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,7 +108,7 @@ class _Elements:
     uncertainty: np.ndarray | None
 
     @classmethod
-    def of(cls, grid: ElementGrid, phase: np.ndarray, known: KnownReturn | None) -> _Elements:
+    def of(cls, grid: ElementGrid, phase: np.ndarray, known: KnownReturn | None) -> "_Elements":
         factor = grid.ramp * phase
         if known is None:
             return cls(grid.raw * factor, None, phase, None)

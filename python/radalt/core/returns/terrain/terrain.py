@@ -1,7 +1,5 @@
 """Terrain heights: DTED cells with bilinear interpolation between posts, and an analytic flat earth."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -90,7 +88,7 @@ class DtedCell:
         return self.west_deg + (self.elevation_m.shape[0] - 1) * self.step_lon_deg
 
     @classmethod
-    def load(cls, path: Path | str, *, void: str = "error") -> DtedCell:
+    def load(cls, path: Path | str, *, void: str = "error") -> "DtedCell":
         """Read a DTED file of level 0, 1 or 2 through the `dted` library.
 
         Parameters
@@ -202,7 +200,7 @@ class Terrain:
     cells: tuple[DtedCell, ...] = field(default=())
 
     @classmethod
-    def load(cls, paths: Iterable[Path | str], *, void: str = "error") -> Terrain:
+    def load(cls, paths: Iterable[Path | str], *, void: str = "error") -> "Terrain":
         """Cells of several files; see `DtedCell.load`."""
         cells = tuple(DtedCell.load(path, void=void) for path in paths)
         if not cells:

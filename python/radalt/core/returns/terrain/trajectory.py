@@ -1,7 +1,5 @@
 """Aircraft trajectories: CSV tracks and ADS-B state vectors, interpolated with velocity and attitude."""
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from dataclasses import dataclass
@@ -147,7 +145,7 @@ class Trajectory:
         altitude_offset_m: float = 0.0,
         angle_of_attack_deg: float = 5.0,
         max_gap_s: float = 15.0,
-    ) -> Trajectory:
+    ) -> "Trajectory":
         """Read a track from CSV; lines beginning with ``#`` are comments.
 
         The columns distinguish a plain track (time, latitude, longitude, altitude in metres, or altitude_ft)
