@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -19,14 +19,16 @@ from .altitudes import with_intervals
 from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
 from .markdown import every_row, report_markdown
 from .panels import Row, swept_axes, with_interference
-from .study import OverlapStudy
+
+if TYPE_CHECKING:
+    from .study import OverlapStudy
 
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 
 
 def write_report(
     folder: RunFolder,
-    study: OverlapStudy,
+    study: "OverlapStudy",
     rows: Sequence[Row],
     ceiling: Sequence[Row],
     run: Run,
@@ -92,7 +94,7 @@ def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tu
 
 
 def build_report(
-    head: dict[str, Any], study: OverlapStudy, rows: Sequence[Row], ceiling: Sequence[Row], run: Run
+    head: dict[str, Any], study: "OverlapStudy", rows: Sequence[Row], ceiling: Sequence[Row], run: Run
 ) -> dict[str, Any]:
     """Content of ``report.json``."""
     scene = study.scene
