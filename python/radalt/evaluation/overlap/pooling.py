@@ -34,7 +34,11 @@ def pool_runs(runs: Sequence[Run]) -> tuple[list[Row], list[str]]:
     """
     for k, run in enumerate(runs):
         for other in runs[:k]:
-            _compare(other, run)
+            for key, left, right in _differences(other, run):
+                raise PoolError(
+                    f"cannot pool {other.folder} and {run.folder}: {key} is {_brief(left)} in the one, "
+                    f"{_brief(right)} in the other"
+                )
     kept: dict[tuple[Any, ...], list[tuple[Run, Row]]] = {}
     repeated: dict[tuple[str, str], int] = {}
     for run in runs:
@@ -60,15 +64,6 @@ def _place(row: Row, methods: Sequence[str]) -> tuple[Any, ...]:
     """Sort key: by panel, highest SIR first as in the figures, then overlap, then methods in the order of the runs."""
     sir, snr = (_BEFORE_ALL if row[key] is None else -row[key] for key in ("sir_db", "snr_db"))
     return row["interference"], snr, sir, row["overlap"], row["source"], methods.index(row["method"])
-
-
-def _compare(a: Run, b: Run) -> None:
-    """Raise `PoolError` for the first forbidden difference between two runs."""
-    for key, left, right in _differences(a, b):
-        raise PoolError(
-            f"cannot pool {a.folder} and {b.folder}: {key} is {_brief(left)} in the one, "
-            f"{_brief(right)} in the other"
-        )
 
 
 def _brief(value: Any) -> str:

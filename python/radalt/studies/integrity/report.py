@@ -21,10 +21,6 @@ _START = 2  # outputs at the start of a flight that cannot have an altitude: thr
 _LISTED = 200  # most flights with hazardous outputs in the page; events.csv has all
 
 
-def _frame_score(rows: Sequence[Row]) -> Score:
-    return Score(**{name: sum(r[name] for r in rows) for name in FRAMES})
-
-
 def _after_start(total: Integrity, flights: int) -> float:
     """Availability without the first outputs of each flight, before a track can be confirmed."""
     outputs = total.outputs - _START * flights
@@ -34,7 +30,7 @@ def _after_start(total: Integrity, flights: int) -> float:
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     """Rows as one: sums of counts, their rates and bounds, median time to the first output, longest time to alert."""
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
-    frames = _frame_score(rows)
+    frames = Score(**{name: sum(r[name] for r in rows) for name in FRAMES})
     first = [r["first_s"] for r in rows if r["first_s"] is not None]
     alert = [r["alert_s"] for r in rows if r["alert_s"] is not None]
     ground = all(case_of(r["case"]).ground for r in rows)

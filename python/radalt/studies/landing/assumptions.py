@@ -85,13 +85,6 @@ def _emitter(name: str, text: str, emitter: object) -> Assumption:
     return Assumption(name, "interference", text, change)
 
 
-def _beam(width_deg: float) -> Assumption:
-    def change(study: LandingConfig) -> LandingConfig:
-        return replace(study, antenna=replace(study.antenna, pattern=None, beamwidth_deg=width_deg))
-
-    return Assumption(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
-
-
 # gain of dechirping a half sweep (B T_h = 3750) against interference that is white over the band
 COMPRESSION_DB = 35.7
 
@@ -105,7 +98,12 @@ ASSUMPTIONS: tuple[Assumption, ...] = (
     _ground("morchin", "wooded_hills", "Morchin, wooded hills"),
     _level(-10.0),
     _level(+10.0),
-    _beam(60.0),
+    Assumption(
+        "beam_60",
+        "ground",
+        "beam 60 degrees",
+        lambda s: replace(s, antenna=replace(s.antenna, pattern=None, beamwidth_deg=60.0)),
+    ),
     _detection("strongest"),
     _detection("centroid"),
     Assumption("looks_8", "detection", "8 sweeps averaged", lambda s: replace(s, looks=8)),

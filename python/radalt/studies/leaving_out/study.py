@@ -57,11 +57,6 @@ def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
     }
 
 
-def run_apart(name: str, frames: int, built: str) -> dict[str, Any]:
-    """`run_once` in a process of its own, so that memory and imports are this run's alone."""
-    return call_apart(__name__, "run_once", name, frames, built)
-
-
 _TIMING = ("cpu_s", "wall_s", "memory_bytes")
 _COLUMNS = Columns(
     ("scene", "built", "turn", "frames", *_TIMING, "digest", "declared", "modules"),
@@ -111,10 +106,12 @@ class LeavingOutStudy(Study):
         return scene_of(name, self.frames).altitude.programme.total_frames
 
     def measure(self, point: Point) -> list[dict[str, Any]]:
-        """A row per run."""
+        """A row per run, each in a process of its own, so that memory and imports are that run's alone."""
         where = {"scene": point.name, "frames": self._total_frames(point.name)}
         return [
-            where | {"built": built, "turn": turn} | run_apart(point.name, self.frames, built)
+            where
+            | {"built": built, "turn": turn}
+            | call_apart(__name__, "run_once", point.name, self.frames, built)
             for turn in range(1, self.repeats + 1)
             for built in ("pruned", "all")
         ]

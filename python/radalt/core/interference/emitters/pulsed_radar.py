@@ -72,13 +72,10 @@ class PulsedRadarEmitter(NamedEmitter):
         slope = self.chirp_bandwidth_hz / self.pulse_width_s
         return envelope * exp_cycles(self.carrier_hz * seconds + slope / 2 * from_centre**2, np.complex128)
 
-    def _factor(self, rate_hz: float) -> int:
+    def _received(self, start_s: float, count: int, rate_hz: float) -> np.ndarray:
         # A raised-cosine edge's spectrum is some 60 dB down at three times the inverse rise time.
         highest_hz = abs(self.carrier_hz) + abs(self.chirp_bandwidth_hz) / 2 + 3.0 / self.rise_time_s
-        return oversampling(rate_hz, highest_hz)
-
-    def _received(self, start_s: float, count: int, rate_hz: float) -> np.ndarray:
-        factor = self._factor(rate_hz)
+        factor = oversampling(rate_hz, highest_hz)
         guard = window_guard(rate_hz, factor)
         index = np.arange(-guard * factor, (count + guard) * factor)
         wide = self.waveform(start_s + index / (factor * rate_hz))
