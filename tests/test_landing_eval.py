@@ -13,7 +13,9 @@ from pages import assert_whole
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
+from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
+from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA
 from radalt.evaluation.results.score import accuracy_limit_m
 from radalt.studies.landing import command as landing_command
@@ -102,6 +104,23 @@ def test_a_worker_elsewhere_needs_only_the_files_that_travel(root, tmp_path):
     moved = study.with_files(copies)
     assert all(path.parent == tmp_path for path in moved.files().values())
     assert moved.measure(point) == study.measure(point)
+
+
+@pytest.mark.parametrize("name", ["landing_terrain", "leakage"])
+def test_a_scene_states_the_content_of_its_files_wherever_they_lie(name, tmp_path):
+    study = OverlapStudy(dataclasses.replace(load_scene(name), methods=("none",)))
+    copies = {}
+    for k, (file, path) in enumerate(study.files().items()):
+        copies[file] = tmp_path / f"{k}{path.suffix}"
+        shutil.copy(path, copies[file])
+    moved = study.with_files(copies)
+    assert moved.files() == copies and copies
+    moved.check()
+    stated = study.head()["inputs_sha256"]
+    assert moved.head()["inputs_sha256"] == stated and set(stated) == set(copies)
+    with next(iter(copies.values())).open("a") as file:
+        file.write("\n")
+    assert moved.head()["inputs_sha256"] != stated
 
 
 def test_break_points_are_where_pd_falls_through_nine_tenths_of_the_ceiling(root):

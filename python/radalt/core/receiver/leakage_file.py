@@ -12,7 +12,7 @@ from ..paths import share_dir
 from ..waveform import Waveform
 from .leakage import SHAPES, LeakageCalibration, LeakageCanceller
 
-__all__ = ["UNCALIBRATED", "leakage_canceller", "load_leakage", "store_leakage"]
+__all__ = ["UNCALIBRATED", "leakage_canceller", "leakage_path", "load_leakage", "store_leakage"]
 
 UNCALIBRATED = "uncalibrated"  # name that stands for a fit to every frame
 _KEYS = {"waveform", "installation_delay_m", "up", "down"}
@@ -37,6 +37,14 @@ def store_leakage(calibration: LeakageCalibration, path: Path | str) -> Path:
     return path
 
 
+def leakage_path(name: Path | str) -> Path:
+    """File of a calibration: a path, or the name of a shipped one."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or path.exists():
+        return path
+    return share_dir() / "flowgraphs" / "calibrations" / f"{name}.yaml"
+
+
 def load_leakage(name: Path | str, waveform: Waveform) -> LeakageCalibration:
     """A stored calibration by path, or by the name of a shipped one.
 
@@ -45,9 +53,7 @@ def load_leakage(name: Path | str, waveform: Waveform) -> LeakageCalibration:
     InputError
         One line, if it cannot be read or belongs to another sweep.
     """
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml") and not path.exists():
-        path = share_dir() / "flowgraphs" / "calibrations" / f"{name}.yaml"
+    path = leakage_path(name)
     what, remedy = "leakage calibration", "calibrate anew (docs/leakage.md)"
     data = load_yaml(path, what=what, remedy=remedy)
     if not isinstance(data, dict) or set(data) != _KEYS:

@@ -5,7 +5,8 @@ The terrain code is imported only when objects are created from the settings, so
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -151,6 +152,26 @@ class LandingSpec:
         from ..paths import share_dir
 
         return share_dir() / "flowgraphs" / "landing" / name
+
+    def files(self) -> dict[str, Path]:
+        """Its files: ``trajectory``, ``terrain 0`` and so on, ``antenna``."""
+        named = {"trajectory": self.trajectory.file}
+        named |= {f"terrain {k}": name for k, name in enumerate(self.terrain.files)}
+        if self.antenna.pattern:
+            named["antenna"] = self.antenna.pattern
+        return {name: self.path(file) for name, file in named.items()}
+
+    def with_files(self, files: Mapping[str, Path]) -> LandingSpec:
+        """The same landing with its `files` at other paths; other names are left alone."""
+        at = {name: str(Path(files[name]).absolute()) for name in self.files()}
+        return replace(
+            self,
+            trajectory=replace(self.trajectory, file=at["trajectory"]),
+            terrain=replace(
+                self.terrain, files=tuple(at[f"terrain {k}"] for k in range(len(self.terrain.files)))
+            ),
+            antenna=replace(self.antenna, pattern=at.get("antenna")),
+        )
 
     def flight(self) -> Trajectory:
         """The trajectory; raises `TrajectoryError`."""

@@ -15,6 +15,7 @@ from ...core.interference.emitters.recording import RecordingEmitter
 from ...core.mitigation import CUSTOM, METHODS, MitigationError, create
 from ...core.mitigation.onnx_network import network_files
 from ...core.mitigation.tcae import default_model_path
+from ...core.receiver.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
 from ..engine.study import Point, Run, Study
 from ..results.chain import seconds_per_frame
@@ -61,6 +62,7 @@ def check_scene(scene: Scene) -> None:
         for interferer in scene.interference:
             rng = np.random.default_rng(0)
             interferer.emitter.samples(scene.waveform.samples_per_frame, scene.waveform.rate_hz, rng)
+        leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform)
         sweep_points(scene)
     except ValueError as error:
         raise SceneError(f"scene {scene.name}: {error}") from None
@@ -97,6 +99,19 @@ def _recordings(scene: Scene) -> dict[str, str]:
         if isinstance(emitter, RecordingEmitter):
             found[str(number)] = hashlib.sha256(emitter.load(scene.waveform.rate_hz).tobytes()).hexdigest()
     return found
+
+
+def _digests(files: Mapping[str, Path]) -> dict[str, str]:
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
+
+
+def scene_files(scene: Scene) -> dict[str, Path]:
+    """Files that the rows of a scene depend on beside its methods': of its landing, and its leakage calibration."""
+    landing = scene.landing if scene.return_model == "terrain" else None
+    out = landing.files() if landing else {}
+    if scene.segmenter.leakage_calibration not in ("", UNCALIBRATED):
+        out["leakage"] = leakage_path(scene.segmenter.leakage_calibration)
+    return out
 
 
 def method_files(scene: Scene) -> dict[str, Path]:
@@ -225,6 +240,7 @@ class OverlapStudy(Study):
             "source": self.source,
             "scene": scene_to_mapping(self.scene),
             "methods": check_methods(self.scene),
+            **({"inputs_sha256": inputs} if (inputs := _digests(scene_files(self.scene))) else {}),
             **({"recordings": digests} if (digests := _recordings(self.scene)) else {}),
             **({"dwell_frames": DWELL_FRAMES} if self.tracked else {}),
         }
@@ -327,16 +343,26 @@ class OverlapStudy(Study):
         return _START_S + _FLOWGRAPH * computed if self.flowgraph else computed
 
     def files(self) -> dict[str, Path]:
-        """Flowgraphs, models and method files."""
+        """Flowgraphs, files of the scene, models and method files."""
         out = {f"flowgraph {name}": prepared.module for name, prepared in self.prepared}
-        return out | method_files(self.scene)
+        return out | scene_files(self.scene) | method_files(self.scene)
 
     def with_files(self, files: Mapping[str, Path]) -> OverlapStudy:
         """See `Study`."""
-        own = {name: path for name, path in files.items() if not name.startswith("flowgraph ")}
-        options = with_method_files(self.scene.method_options, own)
+        scene, its = self.scene, scene_files(self.scene)
+        own = {
+            name: path
+            for name, path in files.items()
+            if name not in its and not name.startswith("flowgraph ")
+        }
+        segmenter, landing = scene.segmenter, scene.landing
+        if "leakage" in its:
+            segmenter = dataclasses.replace(segmenter, leakage_calibration=str(files["leakage"]))
+        if landing and "trajectory" in its:
+            landing = landing.with_files(files)
         prepared = tuple(
             (name, dataclasses.replace(one, module=files[f"flowgraph {name}"])) for name, one in self.prepared
         )
-        scene = dataclasses.replace(self.scene, method_options=options)
+        options = with_method_files(scene.method_options, own)
+        scene = dataclasses.replace(scene, segmenter=segmenter, landing=landing, method_options=options)
         return dataclasses.replace(self, scene=scene, prepared=prepared)

@@ -12,10 +12,16 @@ DASH = "\N{EN DASH}"
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A Markdown table; the first column is a label, the others are numbers."""
-    lines = ["| " + " | ".join(header) + " |", "|---" + "|---:" * (len(header) - 1) + "|"]
-    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
-    return "\n".join(lines)
+    """A Markdown table; the first column and columns of words are flush left, those of numbers flush right."""
+    cells = [[str(cell) for cell in row] for row in rows]
+    sides = [_side(column) for column in zip(*cells, strict=True)] if cells else ["---:"] * len(header)
+    lines = ["| " + " | ".join(line) + " |" for line in (header, *cells)]
+    return "\n".join([lines[0], "|" + "|".join(["---", *sides[1:]]) + "|", *lines[1:]])
+
+
+def _side(column: Iterable[str]) -> str:
+    words = sum(1 if cell.lstrip("*`")[:1].isalpha() else -1 for cell in column if cell not in ("", DASH))
+    return "---" if words > 0 else "---:"
 
 
 def _exists(value: float | None) -> TypeGuard[float]:

@@ -17,8 +17,6 @@ from .points import TABLES, LandingPoint, point_rows, seconds, study_points
 
 __all__ = ["LandingStudy"]
 
-_LANDING = ("trajectory", "terrain", "antenna")  # first words of the names in `files` that are not a method's
-
 
 @dataclass(frozen=True)
 class LandingStudy(Study):
@@ -46,7 +44,7 @@ class LandingStudy(Study):
 
     def head(self) -> dict[str, Any]:
         """The study's settings, and hashes of the files of its landing."""
-        paths = [path for name, path in self.files().items() if name.split()[0] in _LANDING]
+        paths = self.config.spec.files().values()
         return {
             "name": self.config.name,
             "seed": self.config.seed,
@@ -69,24 +67,17 @@ class LandingStudy(Study):
 
     def files(self) -> dict[str, Path]:
         """Flight, terrain, antenna pattern, models and method files."""
-        config, spec = self.config, self.config.spec
-        out = {"trajectory": spec.path(config.trajectory.file)}
-        out |= {f"terrain {k}": spec.path(name) for k, name in enumerate(config.terrain.files)}
-        if config.antenna.pattern:
-            out["antenna"] = spec.path(config.antenna.pattern)
-        return out | method_files(config)
+        return self.config.spec.files() | method_files(self.config)
 
     def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
         """See `Study`."""
-        config, at = self.config, {name: str(Path(path).absolute()) for name, path in files.items()}
-        own = {name: Path(path) for name, path in at.items() if name.split()[0] not in _LANDING}
-        options = with_method_files(config.method_options, own)
-        terrain = tuple(at[f"terrain {k}"] for k in range(len(config.terrain.files)))
+        config, spec = self.config, self.config.spec.with_files(files)
+        own = {name: path for name, path in files.items() if name not in spec.files()}
         changed = dataclasses.replace(
             config,
-            trajectory=dataclasses.replace(config.trajectory, file=at["trajectory"]),
-            terrain=dataclasses.replace(config.terrain, files=terrain),
-            antenna=dataclasses.replace(config.antenna, pattern=at.get("antenna")),
-            method_options=options,
+            trajectory=spec.trajectory,
+            terrain=spec.terrain,
+            antenna=spec.antenna,
+            method_options=with_method_files(config.method_options, own),
         )
         return LandingStudy(changed)
