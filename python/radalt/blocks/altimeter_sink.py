@@ -15,8 +15,6 @@ from ._guard import guarded
 from ._results import Ring, json_text, result_fields
 from ._zmq import BoundSocket
 
-__all__ = ["altimeter_sink"]
-
 MESSAGE_VERSION = 1  # field ``version`` of the messages
 # Fewest altitudes among a second's frames before a line in the log: false alarms alone give one in a hundred.
 _BLIND_SHARE = 0.1

@@ -9,8 +9,6 @@ from ..core.scene.live import AltitudeStrip
 from ._frames import read_frame_tags
 from ._guard import guarded
 
-__all__ = ["altitude_strip"]
-
 
 class altitude_strip(gr.decim_block):
     """The last ``points * every`` frames of the true altitude and of every input, for a vector sink.

@@ -10,8 +10,6 @@ from ._guard import guarded
 from ._results import Ring
 from .altimeter_sink import altimeter_sink
 
-__all__ = ["altitude_tracker"]
-
 TRACKED_VERSION = 1  # field ``version`` of the messages
 
 

@@ -8,8 +8,6 @@ from ..core.scene.build import sweeps_of
 from ._frames import SENT_KEY, gather_frames, sent_tag
 from ._guard import WORK_DONE, guarded
 
-__all__ = ["fmcw_chirp_source"]
-
 
 class fmcw_chirp_source(gr.sync_block):
     """Triangular FMCW sweep, unit amplitude, its beat shifted to a synthetic altitude.

@@ -30,8 +30,6 @@ from ._frames import (
 )
 from ._guard import guarded
 
-__all__ = ["frame_segmenter"]
-
 _STATUS_EVERY = 1000  # frames between periodic status messages: 1 s of the default sweep
 # Frames queued beside the ring while the methods are delayed (0.38 s of the default sweep), and bytes for wider ones.
 _HELD_UP, _HELD_UP_BYTES = 384, 384 << 16

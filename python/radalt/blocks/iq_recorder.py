@@ -12,8 +12,6 @@ from ._frames import RX_TIME_KEY, TagError, say_once, time_counter
 from ._guard import guarded
 from ._writer import BoundedWriter
 
-__all__ = ["iq_recorder"]
-
 
 class iq_recorder(gr.sync_block):
     """Writes the received samples, with scene, altitude and jammer state as annotations (SigMF).

@@ -6,8 +6,6 @@ from ..core.mitigation import Mitigation, create, method_class
 from ..core.scene import Scene
 from ._mitigation import MitigationBlock
 
-__all__ = ["mitigation"]
-
 
 class mitigation(MitigationBlock):
     """One method by its name: any of `METHODS`, or ``custom`` for the user's method.

@@ -3,8 +3,6 @@
 from ..core.scene import Scene
 from ._jammer import JammerSource
 
-__all__ = ["mixture_jammer_source"]
-
 
 class mixture_jammer_source(JammerSource):
     """The sum of all interferers of the scene, each at its overlap and SIR, the sum at the scene's total SIR.

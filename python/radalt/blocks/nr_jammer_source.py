@@ -5,8 +5,6 @@ from ..core.interference.placement import Interferer
 from ..core.scene import Scene
 from ._jammer import JammerSource
 
-__all__ = ["nr_jammer_source"]
-
 
 class nr_jammer_source(JammerSource):
     """5G NR downlink (TS 38.211, 15 kHz subcarriers) at an exact SIR against a return of unit power.

@@ -4,8 +4,6 @@ from ..core.interference import Interferer, QpskEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource
 
-__all__ = ["qpsk_jammer_source"]
-
 
 class qpsk_jammer_source(JammerSource):
     """QPSK bursts at an exact SIR, averaged over the sweep, against a return of unit power.

@@ -7,8 +7,6 @@ from ..core.scene import Scene
 from ..core.scene.live import RangeProfile
 from ._guard import guarded
 
-__all__ = ["range_profile"]
-
 
 class range_profile(gr.basic_block):
     """Power over altitude, and the power from which the altimeter declares a detection; see `RangeProfile`.

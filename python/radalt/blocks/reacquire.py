@@ -10,8 +10,6 @@ from gnuradio import gr
 
 from ..core.scene import Scene
 
-__all__ = ["reacquire"]
-
 _MARGIN_FRAMES = 64  # frames after the source's last one: the chunk in preparation, and a radio's latency
 _ARRIVE_S = 10.0  # longest time from source to segmenter, s: all rings of a flowgraph far below real time
 _LOCK_S = 3.0  # longest wait for the lock, s

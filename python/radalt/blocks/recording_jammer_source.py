@@ -5,8 +5,6 @@ from ..core.interference.placement import Interferer
 from ..core.scene import Scene
 from ._jammer import JammerSource
 
-__all__ = ["recording_jammer_source"]
-
 
 class recording_jammer_source(JammerSource):
     """Samples of a file, shifted and resampled into the band, at an exact SIR against a return of unit power.

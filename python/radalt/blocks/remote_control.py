@@ -15,8 +15,6 @@ from ._results import json_text, result_fields
 from ._zmq import BoundSocket
 from .transmit_gate import gates_of
 
-__all__ = ["remote_control"]
-
 _POLL_MS = 20  # time between polls of both threads, ms: fifty beats within the gates' limit of 1 s
 _STATE_EVERY = 50  # polls between state messages: one second
 _WAIT_S = 0.1  # pause of a thread after an error, s

@@ -10,8 +10,6 @@ from ..core.scene import Scene
 from ._frames import RX_TIME_KEY, time_tag
 from ._guard import WORK_DONE, guarded
 
-__all__ = ["sigmf_source"]
-
 
 class sigmf_source(gr.sync_block):
     """Plays a SigMF recording at the scene's rate, ``rx_time`` at its start and after every gap.

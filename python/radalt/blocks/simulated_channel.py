@@ -10,9 +10,6 @@ from ..core.scene.build import channel_of
 from ._frames import RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
 from ._guard import guarded
 
-__all__ = ["simulated_channel"]
-
-
 _HELD_FRAMES = 12  # frames per call in real time: 4 ms less latency than sixteen
 
 

@@ -4,8 +4,6 @@ from ..core.mitigation import create
 from ..core.scene import Scene
 from ._mitigation import MitigationBlock
 
-__all__ = ["tcae"]
-
 
 class tcae(MitigationBlock):
     """Temporal convolutional autoencoder, or any network with the same ONNX metadata contract; see `Tcae`.

@@ -4,8 +4,6 @@ from ..core.interference import Interferer, ToneEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource
 
-__all__ = ["tone_jammer_source"]
-
 
 class tone_jammer_source(JammerSource):
     """Sum of K unmodulated carriers at an exact SIR, averaged over the sweep, against a return of unit power.

@@ -10,8 +10,6 @@ from ..core.radio.transmit_gate import TransmitGate
 from ..core.scene import Scene
 from ._guard import guarded
 
-__all__ = ["gates_of", "transmit_gate"]
-
 
 class transmit_gate(gr.sync_block):
     """Zeros instead of samples, unless transmission is allowed; see `TransmitGate`.

@@ -9,8 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-__all__ = ["Programme", "SentAltitudes"]
-
 _MOST_FRAMES = 2_000_000  # longest run, frames: half an hour of 1 ms sweeps; more trials need more points
 _FRAME_BYTES = 80  # memory per frame and method, bytes: results and the altitude table
 # altitudes set by hand that are kept: more than are set while a frame travels through the flowgraph

@@ -13,8 +13,6 @@ from .delay_line import HALF_TAPS, MOST_BLOCKS, STEPS, DelayLine
 from .noise import ReceiverNoise
 from .settings import ChannelSettings
 
-__all__ = ["SimulatedChannel"]
-
 
 class SimulatedChannel:
     """Channel from the radar's and the jammer's transmitter to the radar's receiver, one frame at a time.

@@ -11,8 +11,6 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["Emitter", "Interferer", "interference_frame", "interference_frames"]
-
 
 class Emitter(Protocol):
     """Protocol of an emitter.

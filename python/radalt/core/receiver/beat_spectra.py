@@ -22,8 +22,6 @@ from .altimeter_settings import FASTEST_M_PER_S, AltimeterSettings
 from .cfar import support_of
 from .decimator import Decimator
 
-__all__ = ["SHAPE_POINTS", "BeatSpectra", "Spectra"]
-
 SHAPE_POINTS = 1 << 15
 _MOST_BLIND = 0.1  # largest blind part over the half sweep
 _CLOSE = 0.01  # cycles that a return may be off its beat's phase at the beginning of a half sweep

@@ -4,8 +4,6 @@ import numpy as np
 
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
 
-__all__ = ["point_return"]
-
 
 def point_return(
     waveform: Waveform,

@@ -18,16 +18,6 @@ from ..receiver.altimeter_settings import pfa_is_per_frame
 from ..text import one_line
 from .scene import Scene
 
-__all__ = [
-    "SceneError",
-    "interference_from_yaml",
-    "interferer_to_mapping",
-    "load_scene",
-    "parse_scene",
-    "scene_from_parameters",
-    "scene_to_mapping",
-]
-
 _MOST_SIR_DB = 200.0  # largest magnitude of an SIR, dB: the bound of every quantity in decibels
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")
 

@@ -20,8 +20,6 @@ from .sections import AltitudeSpec, RadioSpec, SweepSpec
 if TYPE_CHECKING:
     from ..interference.emitters import NamedEmitter
 
-__all__ = ["Scene", "burst_db"]
-
 _MOST_SAMPLES = 1 << 20  # longest frame in a flowgraph, samples: 8 MB, 140 default frames
 _FRAMES_HELD = 128  # frames in the buffers of a flowgraph with a few methods, for the error on memory
 

@@ -10,8 +10,6 @@ from ...core.waveform import Waveform
 from ..results.chain import Chain, seconds_per_frame
 from .study import Study
 
-__all__ = ["ChainStudy"]
-
 
 class ChainStudy(Study):
     """A study whose rows depend on its ``chains``, a field or a property of the subclass."""

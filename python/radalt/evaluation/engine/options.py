@@ -21,26 +21,6 @@ from ...core.parsing.messages import did_you_mean
 from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
-__all__ = [
-    "EXPECTED",
-    "MAX_JOBS",
-    "MAX_SEED",
-    "Options",
-    "Parser",
-    "Terminated",
-    "add_options",
-    "check_ours",
-    "command",
-    "command_of",
-    "complain",
-    "duration",
-    "names_of",
-    "number",
-    "options_of",
-    "path",
-    "typed",
-]
-
 MAX_JOBS = 256  # most local workers: more than any machine's cores
 MAX_SEED = 2**63 - 1  # largest seed: int64
 _HEAD_BYTES = 1 << 16  # part of a file that may be overwritten in which its mark is, bytes

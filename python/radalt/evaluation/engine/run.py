@@ -19,8 +19,6 @@ from .task import Outcome, kept_row, measure_point, peak_memory_bytes
 if TYPE_CHECKING:
     from .cluster import Cluster
 
-__all__ = ["Progress", "head_of", "run"]
-
 
 @dataclass(frozen=True)
 class Progress:

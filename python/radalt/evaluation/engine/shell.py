@@ -14,8 +14,6 @@ from typing import Any
 from .options import MAX_SEED, Parser, add_options, command, command_of, names_of, number, options_of
 from .study import Study
 
-__all__ = ["StudyCommand", "add_frames", "add_methods", "add_seed"]
-
 
 def add_methods(parser: Parser, default: str) -> None:
     """``--methods``; `StudyCommand` converts it to a tuple of known names."""

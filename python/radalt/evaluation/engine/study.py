@@ -11,8 +11,6 @@ from ..results.rows import Columns
 if TYPE_CHECKING:
     from ..results.folder import RunFolder
 
-__all__ = ["Point", "Run", "Study"]
-
 
 @dataclass(frozen=True)
 class Point:

@@ -15,8 +15,6 @@ from ...core.scene import Scene
 from . import FlowgraphError
 from .rewrite import load_grc, prune, save_grc, simulate, tracked
 
-__all__ = ["Prepared", "generate", "generated_here", "grc_dirs", "prepare", "save_as_companion", "shipped"]
-
 
 @dataclass(frozen=True)
 class Prepared:

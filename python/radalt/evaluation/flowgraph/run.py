@@ -17,16 +17,6 @@ from .generate import Prepared
 from .rewrite import CHANNEL
 from .watch import blocks_of, run_to_end
 
-__all__ = [
-    "attach_recorder",
-    "finish_recorder",
-    "load_class",
-    "make_top",
-    "result_of",
-    "run_point",
-    "write_scene",
-]
-
 
 def load_class(prepared: Prepared) -> type:
     """The generated top-block class; imported once per process."""

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "break_point_of", "mean_gain", "protection_gain"]
-
 BREAK_PD = 0.9  # least Pd at which a method holds, usual for detection requirements
 
 

@@ -13,8 +13,6 @@ from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
 from ...core.waveform import Waveform
 
-__all__ = ["Chain", "method_of", "seconds_per_frame"]
-
 _CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the second-level cache
 
 

@@ -19,19 +19,6 @@ from typing import Any
 
 from ...core.parsing import InputError, read_bytes, shown
 
-__all__ = [
-    "SCHEMA",
-    "FolderError",
-    "RunFolder",
-    "flatten",
-    "plain_json",
-    "read_report",
-    "replace_file",
-    "versions",
-    "write_json",
-    "writing",
-]
-
 SCHEMA = 2  # of report.json
 _JOURNAL_VERSION = 3  # part of the digest: lines of another format are rejected
 _MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"

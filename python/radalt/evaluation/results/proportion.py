@@ -3,8 +3,6 @@
 import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
 
-__all__ = ["clopper_pearson", "clopper_pearson_bound", "mcnemar", "wilson_interval"]
-
 _CONFIDENCE = 0.95
 
 

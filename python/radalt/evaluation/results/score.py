@@ -18,18 +18,6 @@ import numpy as np
 from ...core.programme import Programme
 from .proportion import clopper_pearson_bound, wilson_interval
 
-__all__ = [
-    "CORRECT_LIMIT_M",
-    "FAR_LIMIT_M",
-    "SCORE_COLUMNS",
-    "Score",
-    "accuracy_limit_m",
-    "pool",
-    "score",
-    "score_frames",
-    "trials_of",
-]
-
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
 FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
 _FT_M = 0.3048  # international foot
