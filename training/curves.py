@@ -1,9 +1,9 @@
 """Training curves of several runs side by side: loss over training and over validation examples.
 
-    PYTHONPATH=python .venv/bin/python training/curves.py paper fc cnn_normalised
+    PYTHONPATH=python .venv/bin/python training/curves.py paper fc cnn_normalised=cnn
     PYTHONPATH=python .venv/bin/python training/curves.py paper fc --logs training/runs --out curves.png
 
-A log is ``NAME.csv`` below ``--logs``, or ``NAME/log.csv`` as `train.py` writes it.
+A log is ``RUN.csv`` below ``--logs``, or ``RUN/log.csv`` as `train.py` writes it; ``RUN=LABEL`` has another label.
 """
 
 from __future__ import annotations
@@ -38,13 +38,17 @@ def draw(path: Path, logs: Path, names: Sequence[str]) -> None:
     """One figure: training error and validation error over epochs."""
     figure, axes = plt.subplots(1, 2, figsize=(6, 3.2), layout="constrained")
     for name, (colour, dash) in zip(names, _STYLES, strict=False):
+        name, _, label = name.partition("=")
         log = read_log(logs, name)
         for axis, column in zip(axes, ("train_loss", "validation_loss"), strict=True):
-            axis.plot(log["epoch"], log[column], dash, color=colour, lw=1.2, label=name)
+            axis.plot(log["epoch"], log[column], dash, color=colour, lw=1.2, label=label or name)
     for axis, title in zip(axes, ("training error", "validation error"), strict=True):
         axis.set(title=title, xlabel="epochs")
         axis.grid(alpha=0.3)
         axis.axhline(PLATEAU, color="0.6", lw=0.8)
+        axis.annotate(
+            "output of zero", (1, PLATEAU), (0, 2), ("axes fraction", "data"), "offset points", ha="right"
+        )
         axis.set_ylim(0.0, 1.1 * PLATEAU)
     axes[0].set_ylabel("mean squared error")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(names))
@@ -56,7 +60,7 @@ def draw(path: Path, logs: Path, names: Sequence[str]) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw; returns 0, or 2 after one line about an error."""
     parser = options.Parser("curves", __doc__)
-    parser.add_argument("names", nargs="+", metavar="RUN", help=f"at most {len(_STYLES)}")
+    parser.add_argument("names", nargs="+", metavar="RUN[=LABEL]", help=f"at most {len(_STYLES)}")
     parser.add_argument("--logs", type=options.path, default=ROOT / "training" / "logs")
     parser.add_argument("--out", type=options.path, default=ROOT / "docs" / "figures" / "tcae_paper.png")
     args = parser.parse_args(argv)

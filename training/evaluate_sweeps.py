@@ -284,8 +284,9 @@ def headline(rows: Sequence[Row]) -> str:
     trials = int(rows[0]["trials"])
     low, _ = wilson_interval(trials, trials)
     return (
-        f"Under QPSK on 27 % of the sweep at full overlap, `tcae` breaks {min(gains_db):.1f} to {max(gains_db):.1f} dB "
-        f"below `whitening`** ({trials} of {trials} frames right are a Pd of {low:.2f} to 1)"
+        "Under QPSK on 27 % of the sweep at full overlap, the break-point of `tcae` is lower than that of `whitening` "
+        f"by {min(gains_db):.1f} to {max(gains_db):.1f} dB** ({trials} of {trials} frames right are a Pd of "
+        f"{low:.2f} to 1)"
     )
 
 

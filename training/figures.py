@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = parser.parse_args(argv).out
     out.mkdir(parents=True, exist_ok=True)
     draw_beats(out / "tcae_beats.png")
-    draw_curves(out / "tcae_paper.png", ROOT / "training" / "logs", ("paper", "fc", "cnn_normalised"))
+    draw_curves(out / "tcae_paper.png", ROOT / "training" / "logs", ("paper", "fc", "cnn_normalised=cnn"))
     return 0
 
 

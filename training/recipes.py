@@ -129,6 +129,7 @@ RECIPES: dict[str, Recipe] = {
     "cnn_short_rate_1e-4": Recipe("cnn_300", **(_SHORT | {"rate": 1e-4})),
     "cnn_short_rate_1e-5": Recipe("cnn_300", **(_SHORT | {"rate": 1e-5})),
     "cnn_short_normalised": Recipe("cnn_300_normalised", **_SHORT),
+    "cnn_short_wide": Recipe("cnn_300_wide", **_SHORT),
     # experiments: whether the paper's network leaves the plateau at 0.5; two thirds of an epoch, from random weights
     "plateau_paper": Recipe("paper", data="paper", stop=260, **_PAPER),
     "plateau_dropout_0": Recipe("paper_dropout_0", data="paper", stop=260, **_PAPER),

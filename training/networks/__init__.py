@@ -33,6 +33,7 @@ NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
     "cnn_normalised": lambda w: Convolutional(w, normalised=True),
     "cnn_300": lambda w: Convolutional(w, kernel=300),
     "cnn_300_normalised": lambda w: Convolutional(w, kernel=300, normalised=True),
+    "cnn_300_wide": lambda w: Convolutional(w, kernel=300, normalised=True, bottleneck=64),
 }
 
 

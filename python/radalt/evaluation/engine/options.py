@@ -184,8 +184,8 @@ def typed(program: str) -> str:
 class Parser(argparse.ArgumentParser):
     """Argument parser with the description of a module's docstring and errors of one line, without the usage text."""
 
-    def __init__(self, program: str, doc: str) -> None:
-        summary, _, details = doc.partition("\n\n")
+    def __init__(self, program: str, doc: str | None) -> None:
+        summary, _, details = (doc or "").partition("\n\n")  # none under python -OO
         self.program = program
         super().__init__(
             prog=typed(program),

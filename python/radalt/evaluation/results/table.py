@@ -30,7 +30,7 @@ def _exists(value: float | None) -> TypeGuard[float]:
 
 def number(value: float | None, digits: int = 2) -> str:
     """Fixed digits; a dash for a missing number."""
-    return f"{value:.{digits}f}" if _exists(value) else DASH
+    return f"{value:z.{digits}f}" if _exists(value) else DASH
 
 
 def metres(value: float | None) -> str:
