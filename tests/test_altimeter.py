@@ -5,7 +5,7 @@ import pytest
 
 from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
 from radalt.core.receiver.cfar import Cfar
-from radalt.core.receiver.cramer_rao import altitude_crb_m, vertical_speed_crb_m_per_s
+from radalt.core.receiver.cramer_rao import altitude_crb_m, beat_crb_hz
 from radalt.core.receiver.decimator import Decimator
 from radalt.core.receiver.sweep_pairing import PairSearch
 from radalt.core.returns.point import point_return
@@ -43,7 +43,8 @@ def test_error_is_near_the_cramer_rao_bound(snr_db, kind):
     altitudes = rng.uniform(3, 1500, 400)
     result = Altimeter(W).process(frames_of(kind, altitudes) + noise((400, 7500), snr_db, rng))
     error = result["altitude_m"] - altitudes
-    bound, speed_bound = altitude_crb_m(W, snr_db), vertical_speed_crb_m_per_s(W, snr_db)
+    # v = c (f_up + f_down) / 4 f_c of two independent beats
+    bound, speed_bound = altitude_crb_m(W, snr_db), C / (4 * 4.3e9) * np.sqrt(2) * beat_crb_hz(W, snr_db)
     assert result["valid"].all()
     np.testing.assert_array_equal(result["altitude_m"], result["forced_altitude_m"])
     assert 0.9 < rms(error) / bound < 1.3

@@ -34,7 +34,8 @@ from radalt.core.radio.endpoint import check_endpoint
 from radalt.core.radio.recording import RecordingError, open_capture
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.options import complain
-from radalt.evaluation.overlap.pooling import PoolError, pool_runs, read_run
+from radalt.evaluation.overlap.pooling import pool_runs
+from radalt.evaluation.overlap.reading import PoolError, read_run
 
 hypothesis = pytest.importorskip("hypothesis", reason="requirements-test.txt has it")
 from hypothesis import HealthCheck, given, settings  # noqa: E402

@@ -5,7 +5,7 @@ import pytest
 
 from radalt.core.interference import nr_sequences
 from radalt.core.interference.emitters import nr
-from radalt.core.interference.emitters.nr import Element
+from radalt.core.interference.nr_grid import Element, ssb_block
 
 RATE_HZ = 7.5e6
 
@@ -71,7 +71,7 @@ def test_every_cell_has_its_own_synchronisation_pair():
 @pytest.mark.parametrize(("cell_id", "index"), [(0, 0), (17, 3), (1006, 5)])
 def test_ss_pbch_block_table(cell_id, index):
     """Table 7.4.3.1-1, cell by cell."""
-    block = nr.ssb_block(cell_id, index, np.random.default_rng(1))
+    block = ssb_block(cell_id, index, np.random.default_rng(1))
     v = cell_id % 4
     c_init = 2**11 * (index + 1) * (cell_id // 4 + 1) + 2**6 * (index + 1) + v
     pilots = iter(lfsr_qpsk(c_init, 144))

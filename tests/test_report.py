@@ -16,7 +16,8 @@ from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_t
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap.figures import draw_pd
 from radalt.evaluation.overlap.points import point_seed, sweep_points
-from radalt.evaluation.overlap.pooling import PoolError, collect, pool_runs, read_run
+from radalt.evaluation.overlap.pooling import collect, pool_runs
+from radalt.evaluation.overlap.reading import PoolError, read_run
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy

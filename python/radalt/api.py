@@ -11,8 +11,6 @@
 Nothing here needs GNU Radio.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Iterable, Sequence
@@ -198,7 +196,7 @@ def evaluate(
     resume: bool = False,
     jobs: int = 1,
     progress: bool = True,
-) -> Report:
+) -> "Report":
     """Measure methods over overlap, SIR and SNR, as ``radalt eval --sim`` does, without a flowgraph.
 
     The parts of the flowgraph are called one after the other: for the same scene and seed the rows are the same.
@@ -283,7 +281,7 @@ class Report:
     content: dict[str, Any] = dataclasses.field(repr=False)
 
     @classmethod
-    def read(cls, folder: str | Path) -> Report:
+    def read(cls, folder: str | Path) -> "Report":
         """The report of a finished run; raises FolderError, one line, where there is none."""
         from .evaluation.results.folder import read_report
 
@@ -295,13 +293,13 @@ class Report:
         return self.folder / "report.html"
 
     @property
-    def table(self) -> Table:
+    def table(self) -> "Table":
         """One row per method and point: Pd with its 95 % interval, wrong and valid, errors, time per frame."""
         from .evaluation.results.rowtable import Table
 
         return Table(self.content["rows"], _SHOWN)
 
-    def break_points(self) -> Table:
+    def break_points(self) -> "Table":
         """Lowest SIR at which Pd is at least 0.9, and the gain over ``none``; no rows with fewer than three SIRs.
 
         ``text`` and ``protection_gain`` have the mark of an open end (<= or >=), where the SIRs measured end first.
@@ -310,7 +308,7 @@ class Report:
 
         return Table(self.content["break_points"], _BREAK_POINTS)
 
-    def plot(self, against: str | None = None) -> Figure:
+    def plot(self, against: str | None = None) -> "Figure":
         """Pd with 95 % intervals as a figure of matplotlib's pyplot.
 
         Parameters

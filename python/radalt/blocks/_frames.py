@@ -1,28 +1,10 @@
 """Frames between blocks: vectors of N samples, each with one tag that carries index, counter and residual delay."""
 
-from __future__ import annotations
-
 import numpy as np
 import pmt
 
 from ..core.programme import SentAltitudes
 from ..core.receiver.segmenter import Frame
-
-__all__ = [
-    "FRAME_KEY",
-    "RX_TIME_KEY",
-    "SENT_KEY",
-    "TagError",
-    "frame_ring",
-    "frame_tag",
-    "gather_frames",
-    "read_frame_tags",
-    "read_sent_tag",
-    "say_once",
-    "sent_tag",
-    "time_counter",
-    "time_tag",
-]
 
 FRAME_KEY = pmt.intern("radalt_frame")
 RX_TIME_KEY = pmt.intern("rx_time")
@@ -109,9 +91,8 @@ def say_once(block, error: TagError) -> None:  # noqa: ANN001
 _GATHER = 64  # frames per call where a ring of twice as many fits `_RING_BYTES`: calls cost 5 % less CPU per doubling
 _GATHER_WIDE = 16  # frames per call where it does not
 _RING_BYTES = 1 << 23  # largest output ring, bytes: 128 vectors of 7,500 complex samples take 7.7 MB
-_FEWEST = (
-    32  # fewest vectors of a ring: twice a call's frames, so that one half fills while the other empties
-)
+# fewest vectors of a ring: twice a call's frames, so that one half fills while the other empties
+_FEWEST = 32
 
 
 def gather_frames(block, samples: int, frames: int | None = None) -> None:  # noqa: ANN001

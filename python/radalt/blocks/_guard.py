@@ -1,7 +1,5 @@
 """Shared by all blocks: an exception in ``work`` ends the flowgraph, and threads release the interpreter in time."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import sys
@@ -14,8 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from ..core.cores import join_home
 from ..core.mitigation.base import MitigationError
-
-__all__ = ["WORK_DONE", "guarded", "in_turns", "raise_stored", "raised"]
 
 WORK_DONE = -1  # GNU Radio's return value of a ``work`` whose stream has ended
 

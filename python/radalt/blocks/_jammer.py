@@ -1,7 +1,5 @@
 """Base class of the jammer sources: a `JammerStream` as a complex output."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,8 +11,6 @@ from ..core.interference.stream import JammerStream
 from ..core.scene import Scene
 from ._frames import gather_frames
 from ._guard import WORK_DONE, guarded
-
-__all__ = ["JammerSource"]
 
 
 class JammerSource(gr.sync_block):

@@ -1,7 +1,5 @@
 """Base class of the mitigation blocks: a `Mitigation` on frames, with its processing times."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 
@@ -11,8 +9,6 @@ from gnuradio import gr
 from ..core.mitigation import Mitigation, OwnProcess
 from ._frames import frame_ring
 from ._guard import guarded
-
-__all__ = ["MitigationBlock"]
 
 _TIMES = 20_000  # processing times kept, frames: 20 s of the default sweep
 

@@ -1,7 +1,5 @@
 """What the sinks keep and send: a ring of rows, and results as plain values for messages."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any
@@ -9,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from ..core.receiver.altimeter import RESULT_DTYPE, Reason
-
-__all__ = ["Ring", "json_text", "result_fields"]
 
 
 class Ring:

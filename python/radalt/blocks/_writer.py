@@ -1,14 +1,10 @@
 """A bounded queue between a block and a file, so that a slow disk never delays a radio."""
 
-from __future__ import annotations
-
 import queue
 import threading
 from pathlib import Path
 
 import numpy as np
-
-__all__ = ["BoundedWriter"]
 
 _CHUNKS = 256  # length of the queue, chunks; a chunk is what one call of a block receives
 

@@ -1,14 +1,9 @@
 """A ZMQ socket behind a `BoundedListener`; control and telemetry have separate contexts: neither delays the other."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 
 from ..core.radio.endpoint import BoundedListener
-
-__all__ = ["BoundSocket"]
-
 
 _LINGER_MS = 200  # for the last results on their way to the listener, on this machine
 

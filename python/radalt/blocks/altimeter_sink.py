@@ -1,7 +1,5 @@
 """Altimeter sink: frames in, one altitude result per frame out."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
@@ -16,8 +14,6 @@ from ._frames import read_frame_tags
 from ._guard import guarded
 from ._results import Ring, json_text, result_fields
 from ._zmq import BoundSocket
-
-__all__ = ["altimeter_sink"]
 
 MESSAGE_VERSION = 1  # field ``version`` of the messages
 # Fewest altitudes among a second's frames before a line in the log: false alarms alone give one in a hundred.

@@ -1,7 +1,5 @@
 """Altitude strip: rolling charts of the last seconds from streams of altitudes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -10,8 +8,6 @@ from gnuradio import gr
 from ..core.scene.live import AltitudeStrip
 from ._frames import read_frame_tags
 from ._guard import guarded
-
-__all__ = ["altitude_strip"]
 
 
 class altitude_strip(gr.decim_block):

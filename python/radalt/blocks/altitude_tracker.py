@@ -1,7 +1,5 @@
 """Altitude tracker: 25 altitudes per second, each with status and protection level."""
 
-from __future__ import annotations
-
 import numpy as np
 import pmt
 
@@ -11,8 +9,6 @@ from ..core.scene import Scene
 from ._guard import guarded
 from ._results import Ring
 from .altimeter_sink import altimeter_sink
-
-__all__ = ["altitude_tracker"]
 
 TRACKED_VERSION = 1  # field ``version`` of the messages
 

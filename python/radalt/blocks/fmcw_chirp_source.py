@@ -1,7 +1,5 @@
 """FMCW chirp source with synthetic beat shift."""
 
-from __future__ import annotations
-
 import numpy as np
 from gnuradio import gr
 
@@ -9,8 +7,6 @@ from ..core.scene import Scene
 from ..core.scene.build import sweeps_of
 from ._frames import SENT_KEY, gather_frames, sent_tag
 from ._guard import WORK_DONE, guarded
-
-__all__ = ["fmcw_chirp_source"]
 
 
 class fmcw_chirp_source(gr.sync_block):

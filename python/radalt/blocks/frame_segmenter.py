@@ -1,7 +1,5 @@
 """Frame segmenter: aligned frames from a stream of samples."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable
@@ -31,8 +29,6 @@ from ._frames import (
     time_counter,
 )
 from ._guard import guarded
-
-__all__ = ["frame_segmenter"]
 
 _STATUS_EVERY = 1000  # frames between periodic status messages: 1 s of the default sweep
 # Frames queued beside the ring while the methods are delayed (0.38 s of the default sweep), and bytes for wider ones.

@@ -1,7 +1,5 @@
 """IQ recorder: received samples into a SigMF recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +11,6 @@ from ..core.scene import Scene
 from ._frames import RX_TIME_KEY, TagError, say_once, time_counter
 from ._guard import guarded
 from ._writer import BoundedWriter
-
-__all__ = ["iq_recorder"]
 
 
 class iq_recorder(gr.sync_block):

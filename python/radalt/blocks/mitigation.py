@@ -1,14 +1,10 @@
 """Mitigation block for every registered method."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ..core.mitigation import Mitigation, create, method_class
 from ..core.scene import Scene
 from ._mitigation import MitigationBlock
-
-__all__ = ["mitigation"]
 
 
 class mitigation(MitigationBlock):

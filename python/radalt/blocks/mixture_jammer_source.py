@@ -1,11 +1,7 @@
 """Jammer source of the scene's interference, one emitter or several."""
 
-from __future__ import annotations
-
 from ..core.scene import Scene
 from ._jammer import JammerSource
-
-__all__ = ["mixture_jammer_source"]
 
 
 class mixture_jammer_source(JammerSource):

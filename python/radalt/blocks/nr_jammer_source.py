@@ -1,13 +1,9 @@
 """5G NR downlink jammer source."""
 
-from __future__ import annotations
-
 from ..core.interference.emitters.nr import NrEmitter
 from ..core.interference.placement import Interferer
 from ..core.scene import Scene
 from ._jammer import JammerSource
-
-__all__ = ["nr_jammer_source"]
 
 
 class nr_jammer_source(JammerSource):

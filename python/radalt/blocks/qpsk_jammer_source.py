@@ -1,12 +1,8 @@
 """QPSK jammer source."""
 
-from __future__ import annotations
-
 from ..core.interference import Interferer, QpskEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource
-
-__all__ = ["qpsk_jammer_source"]
 
 
 class qpsk_jammer_source(JammerSource):

@@ -1,15 +1,11 @@
 """Range profile: beat spectrum and CFAR threshold of frames, for a display."""
 
-from __future__ import annotations
-
 import numpy as np
 from gnuradio import gr
 
 from ..core.scene import Scene
 from ..core.scene.live import RangeProfile
 from ._guard import guarded
-
-__all__ = ["range_profile"]
 
 
 class range_profile(gr.basic_block):

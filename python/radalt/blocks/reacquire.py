@@ -1,7 +1,5 @@
 """Reacquire: acquires the timing again at a button's press, at altitude zero and with the jammer silent."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable
@@ -11,8 +9,6 @@ import pmt
 from gnuradio import gr
 
 from ..core.scene import Scene
-
-__all__ = ["reacquire"]
 
 _MARGIN_FRAMES = 64  # frames after the source's last one: the chunk in preparation, and a radio's latency
 _ARRIVE_S = 10.0  # longest time from source to segmenter, s: all rings of a flowgraph far below real time

@@ -1,13 +1,9 @@
 """Jammer source of a recording."""
 
-from __future__ import annotations
-
 from ..core.interference.emitters.recording import RecordingEmitter
 from ..core.interference.placement import Interferer
 from ..core.scene import Scene
 from ._jammer import JammerSource
-
-__all__ = ["recording_jammer_source"]
 
 
 class recording_jammer_source(JammerSource):

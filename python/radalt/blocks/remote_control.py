@@ -1,7 +1,5 @@
 """Remote control: publishes results, counters and state, and answers requests, as JSON over ZMQ."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time
@@ -10,20 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..core.radio.control import (
-    CONTROL_VERSION,
-    MAX_REQUEST_BYTES,
-    Request,
-    RequestError,
-    parse_request,
-)
+from ..core.radio.control import CONTROL_VERSION, MAX_REQUEST_BYTES, Request, RequestError, parse_request
 from ..core.radio.endpoint import check_endpoint
 from ..core.scene import Scene, burst_db
 from ._results import json_text, result_fields
 from ._zmq import BoundSocket
 from .transmit_gate import gates_of
-
-__all__ = ["remote_control"]
 
 _POLL_MS = 20  # time between polls of both threads, ms: fifty beats within the gates' limit of 1 s
 _STATE_EVERY = 50  # polls between state messages: one second

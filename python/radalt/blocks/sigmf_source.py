@@ -1,7 +1,5 @@
 """SigMF source: a recording instead of the receiver."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,8 +9,6 @@ from ..core.radio.recording import open_capture
 from ..core.scene import Scene
 from ._frames import RX_TIME_KEY, time_tag
 from ._guard import WORK_DONE, guarded
-
-__all__ = ["sigmf_source"]
 
 
 class sigmf_source(gr.sync_block):

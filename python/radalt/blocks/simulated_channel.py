@@ -1,7 +1,5 @@
 """Simulated channel with the front ends of two B210s: replaces the UHD blocks."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
@@ -11,9 +9,6 @@ from ..core.scene import Scene
 from ..core.scene.build import channel_of
 from ._frames import RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
 from ._guard import guarded
-
-__all__ = ["simulated_channel"]
-
 
 _HELD_FRAMES = 12  # frames per call in real time: 4 ms less latency than sixteen
 

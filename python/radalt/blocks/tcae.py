@@ -1,12 +1,8 @@
 """TCAE block: an ONNX network on frames."""
 
-from __future__ import annotations
-
 from ..core.mitigation import create
 from ..core.scene import Scene
 from ._mitigation import MitigationBlock
-
-__all__ = ["tcae"]
 
 
 class tcae(MitigationBlock):

@@ -1,12 +1,8 @@
 """Tone jammer source."""
 
-from __future__ import annotations
-
 from ..core.interference import Interferer, ToneEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource
-
-__all__ = ["tone_jammer_source"]
 
 
 class tone_jammer_source(JammerSource):

@@ -1,7 +1,5 @@
 """Transmit gate: the last block before a radio's sink."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 
@@ -11,8 +9,6 @@ from gnuradio import gr
 from ..core.radio.transmit_gate import TransmitGate
 from ..core.scene import Scene
 from ._guard import guarded
-
-__all__ = ["gates_of", "transmit_gate"]
 
 
 class transmit_gate(gr.sync_block):

@@ -5,11 +5,7 @@ caches: a live path of five blocks took 0.57 s of CPU per second of signal on on
 method runs in a separate process, the interpreter therefore keeps to one core and leaves the others to the method.
 """
 
-from __future__ import annotations
-
 import os
-
-__all__ = ["allowed_cores", "join_home", "leave_home", "return_home"]
 
 _home = -1  # the interpreter's core; -1 before one is chosen
 _beside = 0  # number of this program's method processes

@@ -3,12 +3,8 @@
 `scipy.signal` gives the same numbers to the bit, but its import costs every process 40 MB and half a second.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import i0
-
-__all__ = ["WINDOWS", "cosine_window", "kaiser_lowpass", "kaiser_window", "tukey_window"]
 
 _STOP_DB = 80.0  # stop-band attenuation, dB: aliases stay below the quantisation noise of 12 bits (74 dB)
 WINDOWS = {  # weights of cos(k t), t = -pi..pi

@@ -1,12 +1,8 @@
 """Ctrl-C while compiled packages are imported."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 from collections.abc import Iterator
-
-__all__ = ["ctrl_c_waits"]
 
 
 @contextlib.contextmanager

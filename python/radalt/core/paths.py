@@ -1,21 +1,9 @@
 """Paths of scenes, flowgraphs and models: in the source tree, in a wheel, or where CMake installed them."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
 from pathlib import Path
-
-__all__ = [
-    "model_path",
-    "no_gnu_radio",
-    "remedy",
-    "say_other_installation",
-    "scene_names",
-    "scene_path",
-    "share_dir",
-]
 
 
 def share_dir() -> Path:

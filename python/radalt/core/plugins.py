@@ -4,12 +4,8 @@
 first registry. Worker processes inherit the variable, so they know the same names as the command line.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
-
-__all__ = ["VARIABLE", "load_plugins"]
 
 VARIABLE = "RADALT_PLUGINS"
 

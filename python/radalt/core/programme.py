@@ -3,21 +3,16 @@
 The blocks schedule altitudes by frame index, never by sleeping or callbacks, so that a run is a function of its seed.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-__all__ = ["Programme", "SentAltitudes"]
-
 _MOST_FRAMES = 2_000_000  # longest run, frames: half an hour of 1 ms sweeps; more trials need more points
 _FRAME_BYTES = 80  # memory per frame and method, bytes: results and the altitude table
-_CHANGES = (
-    1000  # altitudes set by hand that are kept: more than are set while a frame travels through the flowgraph
-)
+# altitudes set by hand that are kept: more than are set while a frame travels through the flowgraph
+_CHANGES = 1000
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ Keys of namespaces other than ``core`` and ``radalt`` are ignored, headers befor
 skipped, archives are not extracted. The package sigmf is imported when a file is opened.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -19,8 +17,6 @@ import numpy as np
 
 from .parsing import LARGEST, InputError, check_file, read_text, shown
 from .paths import remedy
-
-__all__ = ["SigmfFile", "open_raw", "open_sigmf"]
 
 _COMPLEX = re.compile(r"c(f(32|64)|[iu](8|16|32))(?:_le|_be)?")
 _NAMESPACES, _ENDINGS = ("core", "radalt"), (".sigmf-meta", ".sigmf-data")

@@ -1,13 +1,9 @@
 """Transmitted sweeps by index, with the beat shift of a synthetic altitude."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .programme import SentAltitudes
 from .waveform import Waveform
-
-__all__ = ["SentSweeps"]
 
 _KEPT = 64  # cached sweeps, one per altitude: 60 KB each at the default waveform
 

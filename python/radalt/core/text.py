@@ -1,10 +1,6 @@
 """Messages for users, on one line."""
 
-from __future__ import annotations
-
 import re
-
-__all__ = ["MOST", "one_line", "said"]
 
 MOST = 300  # longest message, characters: four lines of a terminal
 # the folders of an absolute path

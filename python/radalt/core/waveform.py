@@ -4,8 +4,6 @@ All phases are kept in float64 *cycles* and reduced modulo one cycle before the 
 phase accumulator is wrong within seconds at 7.5 MS/s.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property

@@ -6,8 +6,6 @@
 Companion find a module below an unusual prefix.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 import importlib
@@ -21,8 +19,6 @@ from pathlib import Path
 from types import ModuleType
 
 from ..core.paths import share_dir
-
-__all__ = ["Program", "load", "main", "programs", "summaries"]
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)

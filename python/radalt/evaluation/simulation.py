@@ -3,8 +3,6 @@
 The flowgraph's blocks are adapters over these objects (`core.scene.build`), so both give equal rows for one seed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,8 +16,6 @@ from ..core.receiver.altimeter import shared_altimeter
 from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
 from ..core.scene.build import channel_of, jammer_of, segmenter_of, sweeps_of
-
-__all__ = ["TAIL_FRAMES", "PointResult", "found_latency", "received", "run_chain", "segmented"]
 
 # Sweeps after the last trial: latency is up to one frame, and the segmenter releases a frame after the next one. The
 # flowgraph's variable `frames` uses this number, too.

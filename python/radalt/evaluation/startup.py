@@ -5,8 +5,6 @@ and GNU Radio's log to warnings, since it logs every requested buffer size. Afte
 one line each; `engine.options.command` handles the end of a running program.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from types import TracebackType

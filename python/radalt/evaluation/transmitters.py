@@ -4,8 +4,6 @@ DVB-T, DVB-T2, ATSC and DVB-S2 are the flowgraphs of gr-dtv's examples, OFDM is 
 transmits random transport packets or bytes, drawn from a seed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,8 +14,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from gnuradio import gr
-
-__all__ = ["TRANSMITTERS", "Transmitter", "transmit"]
 
 _LIMIT_S = 300.0  # longest run of a transmitter, s
 _TS_PACKET = 188  # transport packet, bytes, ISO/IEC 13818-1
@@ -35,7 +31,7 @@ class Transmitter:
     title: str
     rate_hz: float  # rate of the samples from `transmit`
     # ``(seed) -> [blocks]``, from a source to a block with complex output
-    chain: Callable[[int], list[gr.basic_block]]
+    chain: "Callable[[int], list[gr.basic_block]]"
     made_at_hz: Fraction | None = None  # rate of the chain's output, if it differs
 
 
@@ -64,7 +60,7 @@ def transmit(name: str, seconds: float, seed: int) -> np.ndarray:
     return samples / np.sqrt(np.mean(np.abs(samples) ** 2))
 
 
-def _transport_stream(seed: int) -> gr.basic_block:
+def _transport_stream(seed: int) -> "gr.basic_block":
     """Random transport packets without end."""
     from gnuradio import blocks
 
@@ -73,7 +69,7 @@ def _transport_stream(seed: int) -> gr.basic_block:
     return blocks.vector_source_b(packets.ravel().tolist(), True)
 
 
-def _dvbt(seed: int) -> list[gr.basic_block]:
+def _dvbt(seed: int) -> "list[gr.basic_block]":
     """ETSI EN 300 744: 2k, 64QAM, rate 2/3, guard 1/32, as in gr-dtv's dvbt_tx_2k.grc."""
     from gnuradio import digital, dtv, gr
 
@@ -95,7 +91,7 @@ def _dvbt(seed: int) -> list[gr.basic_block]:
     ]
 
 
-def _dvbt2(seed: int) -> list[gr.basic_block]:
+def _dvbt2(seed: int) -> "list[gr.basic_block]":
     """ETSI EN 302 755: 2k, 16QAM, rate 3/5, guard 1/8, as in gr-dtv's vv010-2kfft.grc."""
     from gnuradio import digital, dtv
 
@@ -137,7 +133,7 @@ def _dvbt2(seed: int) -> list[gr.basic_block]:
     ]
 
 
-def _base_band_frames(seed: int, standard: int, code: int, rolloff: int) -> list[gr.basic_block]:
+def _base_band_frames(seed: int, standard: int, code: int, rolloff: int) -> "list[gr.basic_block]":
     """Coded base-band frames of the second generation of DVB."""
     from gnuradio import dtv
 
@@ -151,7 +147,7 @@ def _base_band_frames(seed: int, standard: int, code: int, rolloff: int) -> list
     ]
 
 
-def _atsc(seed: int) -> list[gr.basic_block]:
+def _atsc(seed: int) -> "list[gr.basic_block]":
     """ATSC A/53: 8-VSB with its pilot, as in gr-dtv's file_atsc_tx.grc."""
     from gnuradio import blocks, dtv, filter, gr
     from gnuradio.filter import firdes
@@ -175,7 +171,7 @@ def _atsc(seed: int) -> list[gr.basic_block]:
     ]
 
 
-def _dvbs2(seed: int) -> list[gr.basic_block]:
+def _dvbs2(seed: int) -> "list[gr.basic_block]":
     """ETSI EN 302 307: QPSK, rate 1/2, roll-off 0.2, pilots, two samples a symbol, as in gr-dtv's dvbs2_tx.grc."""
     from gnuradio import dtv, filter
     from gnuradio.filter import firdes
@@ -190,7 +186,7 @@ def _dvbs2(seed: int) -> list[gr.basic_block]:
     ]
 
 
-def _ofdm(seed: int) -> list[gr.basic_block]:
+def _ofdm(seed: int) -> "list[gr.basic_block]":
     """gr-digital's `ofdm_tx`: 64 carriers, 48 of them data (QPSK, header BPSK), prefix of 16, in packets."""
     from gnuradio import blocks, digital, gr
 

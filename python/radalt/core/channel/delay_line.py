@@ -1,15 +1,11 @@
 """Fractional delay line: delays a stream by a slowly changing, non-integer number of samples."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
 from scipy import fft
 
 from ..fir import kaiser_window
-
-__all__ = ["HALF_TAPS", "MOST_BLOCKS", "STEPS", "DelayLine"]
 
 HALF_TAPS = 64  # half length of the interpolation kernel, samples: flat to 97 % of the band
 # Resolution of a drifting delay, steps per sample: an error of at most 4 cm of altitude at 7.5 MS/s.

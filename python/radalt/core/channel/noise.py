@@ -1,10 +1,6 @@
 """White Gaussian receiver noise by the Box-Muller transform in float32."""
 
-from __future__ import annotations
-
 import numpy as np
-
-__all__ = ["ReceiverNoise"]
 
 
 class ReceiverNoise:

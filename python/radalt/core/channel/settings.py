@@ -1,13 +1,9 @@
 """Settings of the simulated channel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..interference.multipath import FadingChannel
 from ..parsing import check_range
-
-__all__ = ["ChannelSettings", "DropSettings"]
 
 _MOST_DELAY = 1e6  # longest delay, samples: 8 MB of delay line
 # Longest path of leakage or gear, metres of altitude: longer than any aircraft's installation.

@@ -4,8 +4,6 @@ The channel works in blocks of one frame, counted from the transmitter's first s
 a run is a function of its seed, bit for bit. Every impairment is off by default and then costs nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..programme import Programme
@@ -14,8 +12,6 @@ from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
 from .delay_line import HALF_TAPS, MOST_BLOCKS, STEPS, DelayLine
 from .noise import ReceiverNoise
 from .settings import ChannelSettings
-
-__all__ = ["SimulatedChannel"]
 
 
 class SimulatedChannel:

@@ -6,8 +6,6 @@ Each has mean power 1 at the antenna port while it transmits, and is a function 
 Frequencies ``offset_hz`` are relative to the centre of the sweep.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -18,8 +16,6 @@ from scipy import fft
 from ..fir import kaiser_lowpass
 from ..waveform import Waveform, exp_cycles
 from .if_waveform import SIMULATION_FACTOR, IfWaveform
-
-__all__ = ["Emitter", "Ofdm", "OtherAltimeter", "Pulses", "Qpsk", "Tone", "interference_if"]
 
 _PULSE_OVERSAMPLING = 16  # rate at which pulses are computed, over the simulation rate
 _ROLL_OFF = 0.25  # of QPSK's root-raised-cosine pulse

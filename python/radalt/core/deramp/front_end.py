@@ -5,14 +5,10 @@ signal beside a strong one is then scaled by a gain that follows the strong one'
 frequency is needed. Amplitudes are square-root milliwatts at the receiver's input; the small-signal gain is 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-
-__all__ = ["Amplifier", "Converter", "EnvelopeGain"]
 
 _SHARPNESS = 3  # s of the saturation law: third order stays within 0.07 dB of the cubic up to P1dB - 15 dB
 _NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6

@@ -3,8 +3,6 @@
 Cells of a metre need facets closer than any grid of terrain: rings of equal area about nadir, drawn per sweep.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +12,9 @@ from ..returns.terrain.antenna import Antenna
 from ..returns.terrain.ground import Reflectivity
 from ..waveform import C_M_PER_S, Waveform, altitude_to_delay_s, exp_cycles
 
-__all__ = ["DiffuseGround", "facet_frame"]
-
 _GRID = 4  # beat grid, steps per resolution cell: a facet's phase error is an eighth of a cycle at most
-_EDGE_DEG = (
-    50.0  # off-nadir angle up to which there are facets: a beam of 40 degrees is 37 dB down there, two-way
-)
+# off-nadir angle up to which there are facets: a beam of 40 degrees is 37 dB down there, two-way
+_EDGE_DEG = 50.0
 _FACETS = 4000  # number of facets: 8 in the first metre of range at 5,000 ft
 
 

@@ -7,8 +7,6 @@ receives. Emitters are therefore computed at a *simulation rate* of a few IF ban
 near the IF (`emitters.py`); returns and noise are computed at the IF rate itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -18,8 +16,6 @@ from scipy import fft
 
 from ..fir import kaiser_lowpass
 from ..waveform import Waveform
-
-__all__ = ["SIMULATION_FACTOR", "IfWaveform", "white_noise"]
 
 # Simulation rate over IF rate: the sweep moves by 3 MHz in one symbol of 15 kHz subcarriers at 43 GHz/s (150 MHz in
 # 3.5 ms), and all of a symbol that comes near the IF has to lie within the simulated band.

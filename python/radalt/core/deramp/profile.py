@@ -7,8 +7,6 @@ A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, st
 - ``assumed``: an assumption of this project, and the source says why.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -30,8 +28,6 @@ from ..returns.terrain.ground import Reflectivity, reflectivity
 from ..waveform import SHAPES
 from .front_end import Amplifier, Converter
 from .if_waveform import IfWaveform
-
-__all__ = ["STANDINGS", "Profile", "load_profile", "profile_names"]
 
 STANDINGS = ("read in source", "secondary", "assumed")
 _TEMPERATURE_K = 290.0

@@ -1,7 +1,5 @@
 """A transmitter's power amplifier: Rapp's model of a solid-state amplifier."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +9,6 @@ from ..parsing import check_range
 from .emitters import NamedEmitter
 from .placement import Emitter
 from .receiver_filter import decimate_window, random_window, window_guard
-
-__all__ = ["AmplifiedEmitter", "Amplifier"]
 
 # Rate of the amplifier over the radar's: products up to the seventh order alias outside the carrier.
 _OVERSAMPLING = 4

@@ -5,8 +5,6 @@ and overlap hold as for every emitter. Fading and sample clock offset are one ti
 few Chebyshev nodes of a block are applied in the frequency domain, and the outputs are interpolated in time.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,17 +19,6 @@ from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
 from .multipath import FadedEmitter, FadingChannel, faded
 from .placement import Emitter
-
-__all__ = [
-    "WINDOW_FRAMES",
-    "ImpairedEmitter",
-    "Impairments",
-    "Oscillator",
-    "PhaseNoise",
-    "Running",
-    "impaired",
-    "parts",
-]
 
 # Guard on either side of a block, samples, for the tails of fractional delays; the outer half is tapered.
 _GUARD = 128

@@ -1,21 +1,8 @@
 """Error vector magnitude of transmitters: what standards allow, and what is typical."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 import numpy as np
-
-__all__ = [
-    "EMITTERS",
-    "EVM_LIMITS",
-    "TYPICAL",
-    "TYPICAL_EVM",
-    "check_evm",
-    "error_vectors",
-    "evm_fraction",
-    "evm_title",
-]
 
 # 3GPP TS 38.104 Table 6.5.2.2-1, base stations
 EVM_LIMITS = MappingProxyType({"qpsk": 0.175, "16qam": 0.125, "64qam": 0.08, "256qam": 0.035})

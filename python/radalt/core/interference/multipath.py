@@ -6,8 +6,6 @@ all Rayleigh here) of 3GPP TS 45.005 Annex C.3.1. Delays are applied in the freq
 samples. Mean channel power is 1 over the ensemble of draws.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -177,7 +175,7 @@ class FadingChannel:
             gains[..., 0, :] += np.sqrt(self.los_power) * exp_cycles(cycles, np.complex128)
         return gains
 
-    def draw(self, rng: np.random.Generator) -> Paths:
+    def draw(self, rng: np.random.Generator) -> "Paths":
         """One draw of the channel; its gains are defined at any time."""
         waves = _WAVES if self.doppler_hz else 1
         shape = (self.powers.size, waves)

@@ -1,7 +1,5 @@
 """Configuration of an NR downlink carrier in FR1 (TS 38.101-1, 38.211, 38.213, 38.214)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..parsing import check_range

@@ -7,8 +7,6 @@ and error vectors are drawn. Not modelled: CSI-RS other than the tracking refere
 transmit windowing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -16,14 +14,7 @@ import numpy as np
 
 from . import nr_sequences as seq
 from .evm import TYPICAL, TYPICAL_EVM, evm_fraction
-from .nr_config import (
-    DOWNLINK_SYMBOLS,
-    MIXED,
-    SSB_START_SYMBOLS,
-    SSB_SUBCARRIERS,
-    SYMBOLS_PER_SLOT,
-    NrConfig,
-)
+from .nr_config import DOWNLINK_SYMBOLS, MIXED, SSB_START_SYMBOLS, SSB_SUBCARRIERS, SYMBOLS_PER_SLOT, NrConfig
 
 CORESET_SYMBOLS = 2  # duration of the CORESET, 1..3 in TS 38.211 clause 7.3.2.2: assumed
 # PDSCH DM-RS symbols by kind of slot: type A position 2 and one additional, TS 38.211 Table 7.4.1.1.2-3

@@ -3,8 +3,6 @@
 Everything here is exact and deterministic; nothing draws random numbers.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 GOLD_ADVANCE = 1600  # N_C of clause 5.2.1

@@ -1,11 +1,7 @@
 """Noise of a recording, estimated from the coherence of the cyclic prefix of its OFDM."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
-
-__all__ = ["MOST_DB", "prefix_snr_db"]
 
 _CYCLE_S = 0.5e-3  # period of the long cyclic prefix, s: LTE, and NR of any spacing
 _SPACINGS_HZ = (15e3, 30e3)  # subcarrier spacings of LTE and of NR in FR1 below 60 kHz

@@ -5,15 +5,11 @@ scales it so that the power averaged over the frame meets the SIR exactly. They 
 SIR and overlap holds for every emitter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-
-__all__ = ["Emitter", "Interferer", "interference_frame", "interference_frames"]
 
 
 class Emitter(Protocol):

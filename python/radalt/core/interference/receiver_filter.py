@@ -5,8 +5,6 @@ into the band. The filter is a linear-phase Kaiser FIR: flat up to half the rece
 output rate on.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import lru_cache
 

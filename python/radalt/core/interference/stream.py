@@ -1,7 +1,5 @@
 """Interference as a stream of frames, for the jammer source blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,8 +9,6 @@ from ..programme import Programme
 from ..waveform import Waveform
 from .effects import WINDOW_FRAMES, ImpairedEmitter, Running
 from .placement import Emitter, Interferer, interference_frames
-
-__all__ = ["Continued", "JammerStream"]
 
 
 class Continued:
@@ -78,11 +74,6 @@ class Continued:
         return True
 
 
-def _is_steady(emitter: Emitter) -> bool:
-    """Whether an emitter is continuous with constant gain."""
-    return isinstance(emitter, (Continued, Running)) and emitter.steady
-
-
 class JammerStream:
     """Endless interference in frames of N samples, silent while the segmenter takes its timing.
 
@@ -138,7 +129,10 @@ class JammerStream:
             self._playing = tuple(self._moving(k, one, steady=False) for k, one in enumerate(interferers))
             return
         self._playing = tuple(self._continued(k, one) for k, one in enumerate(interferers))
-        if total_sir_db is not None and all(_is_steady(i.emitter) for i in self._playing):
+        emitters = [i.emitter for i in self._playing]
+        if total_sir_db is not None and all(
+            isinstance(e, Continued | Running) and e.steady for e in emitters
+        ):
             # a scale per frame would make the sum step between frames
             excess_db = total_sir_db + 10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in interferers))
             self._playing = tuple(replace(i, sir_db=i.sir_db + excess_db) for i in self._playing)

@@ -6,8 +6,6 @@
 'whitening'
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil

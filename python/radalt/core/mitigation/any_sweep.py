@@ -12,8 +12,6 @@ another sweep once the sizes are counted in that sweep's own units:
 tables; the exported network takes them as inputs, bound once when it is loaded.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,20 +20,6 @@ from scipy import fft
 
 from ..waveform import Waveform
 from .base import MitigationError
-
-__all__ = [
-    "COLUMNS",
-    "FILTER_HOPS",
-    "HOP",
-    "SERVED",
-    "Layout",
-    "dft_tables",
-    "factors_of",
-    "filterbank_norm",
-    "layout_of",
-    "resampled",
-    "tables_of",
-]
 
 # Layout with which `compact` was trained: Waveform(), 1500 m.
 HOP, COLUMNS, GROUP = 30, 250, 15  # samples per column, columns per frame, cells per spectral gain

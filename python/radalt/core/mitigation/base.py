@@ -1,7 +1,5 @@
 """The one interface of every mitigation method."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,19 +10,6 @@ from scipy.linalg import blas
 
 from ..waveform import Waveform
 from .beyond_span import BeyondSpan
-
-__all__ = [
-    "METHODS",
-    "Mitigation",
-    "MitigationError",
-    "PlotStyle",
-    "finite_frames",
-    "peak_scale",
-    "rail_peak",
-    "register",
-    "unit_peak",
-]
-
 
 _RESERVED = ("custom", "mitigation")  # the method of a file, and no method's name
 

@@ -6,15 +6,11 @@ where the ground is: dechirped, a return is one line in each half sweep, at any 
 strongest pair of lines lies beyond the span, the frame passes unchanged, and the altimeter then finds nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage
 
 from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform
-
-__all__ = ["BeyondSpan"]
 
 # Resolution cells beyond the highest altitude from which the altimeter itself declares no return.
 _MARGIN_CELLS = 2

@@ -1,7 +1,5 @@
 """Blanking: excise what stands out in the time-frequency plane, except where the return can be."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 
@@ -9,8 +7,6 @@ from ..fir import cosine_window
 from ..returns.point import point_return
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
-
-__all__ = ["Blanking"]
 
 _SAMPLE = 17  # stride of the sample in cells: no divisor of a window, so that all frequencies are sampled
 

@@ -1,7 +1,5 @@
 """Your own method: a Python file with a function `mitigate`, or with a `Mitigation` of its own."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import os
@@ -16,8 +14,6 @@ from ..parsing import InputError, read_text
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .rehearsal import MOST_BYTES, rehearse
-
-__all__ = ["Custom"]
 
 _CONTRACT = "it needs a function mitigate(frames, waveform) or one subclass of Mitigation"
 

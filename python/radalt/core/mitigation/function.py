@@ -1,7 +1,5 @@
 """A user's function as a method, for `radalt.method` and `radalt.evaluate`."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import inspect
@@ -12,8 +10,6 @@ import numpy as np
 
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError
-
-__all__ = ["MethodLike", "as_methods", "function_method"]
 
 # a registry name, a class of method, or a function of (n, N) complex64 frames and the waveform
 _Function: TypeAlias = Callable[[np.ndarray, Waveform], np.ndarray]

@@ -1,7 +1,5 @@
 """OFDM and QPSK are cancelled where they can be demodulated; everything else goes to the network, or is whitened."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np
@@ -15,8 +13,6 @@ from .ofdm_cancel import OfdmCancel
 from .qpsk_cancel import QpskCancel
 from .tcae import LOST_DB, Tcae
 from .whitening import Whitening
-
-__all__ = ["Hybrid"]
 
 _OTHERS = ("tcae", "whitening")
 # Cost that searches may have per frame, in FFTs of 7,500 points at 7.5 MS/s: a quarter of real time where such an FFT

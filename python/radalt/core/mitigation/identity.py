@@ -1,12 +1,8 @@
 """No mitigation: the row every method is measured against."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .base import Mitigation, PlotStyle
-
-__all__ = ["Identity"]
 
 
 class Identity(Mitigation):

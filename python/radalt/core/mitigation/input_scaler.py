@@ -1,22 +1,15 @@
 """Normalisation and dither of frames for a network's input."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-
-__all__ = ["NORMALISATIONS", "InputScaler"]
 
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
 # Steps per unit amplitude at which a frame's first samples choose its dither: noise 70 dB below the frame changes them.
 _FINE = 2.0**14
-_DRAW = (
-    (1, 31, 1021, 7919),
-    (4099, 127, 257, 2053),
-)  # weights of the first samples of I and Q
+_DRAW = ((1, 31, 1021, 7919), (4099, 127, 257, 2053))  # weights of the first samples of I and Q
 
 
 class InputScaler:

@@ -12,15 +12,11 @@ exponentially distributed, and the mean of their squares is twice the square of 
 Interference leaves some of these cells empty, and the ratio is higher.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 
 from ..waveform import Waveform
 from .base import unit_peak
-
-__all__ = ["InterferenceDetector"]
 
 _THRESHOLD_DB = -8.0  # residual over return, dB, from which a frame counts as interfered (see the class)
 _REACH = 24  # cells on either side of the peak: 99 % of a tone that straddles two cells

@@ -5,15 +5,11 @@ input power, so in the paper's setting it diverges for an input power above abou
 repaired; `Nlms` is the repaired method.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError, PlotStyle
-
-__all__ = ["BlockLms", "BlockLmsReferenceInput", "Nlms"]
 
 # Weights of a filter that maps a signal onto a unit-power one never need to be this large; beyond it the recursion
 # has left the region of convergence and the next blocks only overflow.
@@ -58,9 +54,8 @@ class BlockLms(Mitigation):
     name = "lms"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
     batch = 16  # frames share the calls per block
-    _confirmed_pfa = (
-        1.0  # parameter of `Altimeter.confirms`; 1 is the paper's setting, without a test against noise
-    )
+    # parameter of `Altimeter.confirms`; 1 is the paper's setting, without a test against noise
+    _confirmed_pfa = 1.0
 
     def __init__(
         self,

@@ -1,7 +1,5 @@
 """Cancellation of OFDM: demodulate what a 4G or 5G base station sends, subtract it, keep the return."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +18,6 @@ from .ofdm.sync import acquire, find_prefix
 from .ofdm.tone_removal import without_tones
 from .ofdm.tracking import TrackingState, grid_of, next_state, tracked
 from .outcome import PASSED, Outcome
-
-__all__ = ["OfdmCancel"]
 
 _PRICED = 7500  # samples of the frame for which steps are priced
 _TINY = float(np.finfo(np.float32).tiny)

@@ -3,8 +3,6 @@
 onnxruntime is imported when a model is loaded, never at module level: a scene without a network does not need it.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re
@@ -17,8 +15,6 @@ import numpy as np
 from ..interrupts import ctrl_c_waits
 from ..paths import remedy
 from .base import MitigationError
-
-__all__ = ["PROVIDERS", "OnnxNetwork", "gpu_there", "network_files"]
 
 # ONNX Runtime's packages report every session to their maker unless this is set before they are imported.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")

@@ -1,10 +1,6 @@
 """What a canceller says about a frame: the interface between the cancellers and `Hybrid`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-
-__all__ = ["PASSED", "Outcome"]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """A method in a process of its own, so that it computes beside the interpreter that everything else shares."""
 
-from __future__ import annotations
-
 import dataclasses
 import mmap
 import os
@@ -22,8 +20,6 @@ import numpy as np
 from ..cores import leave_home, return_home
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
-
-__all__ = ["OwnProcess"]
 
 _FRAMES = 64  # received frames, and cleaned frames, in the shared memory
 _START_S = 120.0  # longest wait until a method is built, s: a network on a loaded machine takes tens

@@ -4,8 +4,6 @@ A tone or a narrow band is predictable from a few samples; noise is not, and nei
 moved on. Two ways: an adaptive one-step predictor, and the best predictor of the whole frame as a filter of zero phase.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, linalg
 
@@ -13,12 +11,9 @@ from ..fir import tukey_window
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
-__all__ = ["LinearPrediction", "NlmsPredictor"]
-
 _BLOCK = 8  # samples with the same weights: 20 and more are unstable on a tone at a step of 0.1
-_TAPER = (
-    0.1  # tapered share of the frame: more would weight the return, which sweeps through the band in time
-)
+# tapered share of the frame: more would weight the return, which sweeps through the band in time
+_TAPER = 0.1
 _ROUNDING = 1e-12  # share of a frame's power added to lag 0: rounding leaves a tone's lags indefinite
 
 

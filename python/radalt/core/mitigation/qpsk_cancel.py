@@ -1,7 +1,5 @@
 """Cancellation of QPSK: demodulate it blindly, rebuild it with the pulse that was received, subtract it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +14,6 @@ from .qpsk.settings import DEFAULTS, QpskSettings
 from .qpsk.symbol_timing import find_symbol_timings
 from .qpsk.tracking import Tracker, can_track
 from .qpsk.zero_order_hold import cancel_zero_order_hold
-
-__all__ = ["QpskCancel"]
 
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
 # FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one detection

@@ -4,8 +4,6 @@ A method file is a program and an ONNX file is one too. A loop without end while
 hang our command or end it with status 0 and without a word. In the rehearsal only the rehearsal's process is lost.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json
@@ -19,8 +17,6 @@ from pathlib import Path
 from ..parsing import InputError, check_file
 from ..waveform import Waveform
 from .base import MitigationError
-
-__all__ = ["LIMIT_S", "MOST_BYTES", "rehearse"]
 
 LIMIT_S = 60.0  # longest time for loading and one frame, s; a network takes a second or two
 # Method of each kind of file, and its option that names the file.

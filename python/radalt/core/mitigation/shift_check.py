@@ -6,8 +6,6 @@ altitude has to be the one measured before the network. So does an altitude from
 of the noise, which moves with the frame as a return does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -17,8 +15,6 @@ from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform, exp_cycles
 from .base import finite_frames, peak_scale
 from .interference_detector import InterferenceDetector
-
-__all__ = ["ShiftCheck"]
 
 _SHIFT_CELLS = 5.0  # shift, resolution cells; 3, 5 and 8 find the same
 _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)

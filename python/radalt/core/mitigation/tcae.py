@@ -1,7 +1,5 @@
 """Temporal convolutional autoencoder, or any other network with the same contract, through ONNX Runtime."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from contextlib import nullcontext
@@ -19,8 +17,6 @@ from .interference_detector import InterferenceDetector
 from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there, network_files
 from .rehearsal import rehearse
 from .shift_check import ShiftCheck
-
-__all__ = ["CONTRACT_KEYS", "LOST_DB", "Tcae", "default_model_path"]
 
 # metadata every model carries
 CONTRACT_KEYS = (

@@ -1,19 +1,14 @@
 """Spectral whitening: divide the frame's spectrum by a smoothed estimate of itself."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage
 
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, rail_peak, unit_peak
 
-__all__ = ["Whitening"]
-
 _SEAM_S = 5e-6  # decay time of the filter's response, s; a return loses 0.05 dB
-_GAINS = (
-    4  # frames whose gains are computed at once, in arrays that fit the cache: 0.98 of the time of sixteen
-)
+# frames whose gains are computed at once, in arrays that fit the cache: 0.98 of the time of sixteen
+_GAINS = 4
 
 
 class Whitening(Mitigation):

@@ -1,7 +1,5 @@
 """Reading files that users name: regular files of bounded size, and YAML by a strict reader."""
 
-from __future__ import annotations
-
 import functools
 import math
 import stat
@@ -11,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from .messages import CONTROL, InputError, shown
-
-__all__ = ["check_file", "load_yaml", "read_bytes", "read_text"]
 
 _DIGITS = 19  # longest integer in YAML, digits: as many as 64 bits hold
 _MEGA = 1 << 20  # bytes in a MiB

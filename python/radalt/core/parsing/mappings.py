@@ -4,8 +4,6 @@ A wrong key, unit, range or type gives one line that names key, value and what i
 every quantity are defined here.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import inspect
@@ -21,8 +19,6 @@ from typing import Any
 import numpy as np
 
 from .messages import CONTROL, did_you_mean, shown
-
-__all__ = ["LARGEST", "arguments", "build", "convert", "plain", "quantity", "whole"]
 
 LARGEST = 1e12  # largest magnitude of a quantity in any unit: its square stays finite in float32
 # largest magnitude by the unit in which a name ends; wider than any use, and powers of ten, squares and tables of it

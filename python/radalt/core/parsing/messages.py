@@ -1,14 +1,10 @@
 """Messages about unusable input: the error class, and values on one line."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import reprlib
 from collections.abc import Iterable
 from typing import Any
-
-__all__ = ["CONTROL", "InputError", "check_range", "did_you_mean", "shown"]
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")

@@ -8,22 +8,11 @@ The file maps ``<type>/<serial>/<master clock>/<rate>`` to samples. Entries ``<m
 they are kept and never used.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..parsing import InputError, load_yaml
-
-__all__ = [
-    "CalibrationError",
-    "CalibrationKey",
-    "calibration_path",
-    "load_latency_samples",
-    "store_latency_samples",
-]
-
 
 _MOST_SAMPLES = 1e9  # largest magnitude of a latency, samples: two minutes at 7.5 MS/s
 

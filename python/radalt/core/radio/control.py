@@ -6,8 +6,6 @@
 {"version": 1, "command": "stop"}
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,21 +13,11 @@ from typing import Any, NoReturn
 
 from ..parsing import shown
 
-__all__ = [
-    "COMMANDS",
-    "CONTROL_VERSION",
-    "MAX_REQUEST_BYTES",
-    "Request",
-    "RequestError",
-    "parse_request",
-]
-
 CONTROL_VERSION = 1  # version of the protocol above
 COMMANDS = ("get", "set", "reacquire", "stop")
 MAX_REQUEST_BYTES = 65_536  # longest request, bytes: a thousand times a usual one
-SIR_LIMIT_DB = (
-    100.0  # largest magnitude of an SIR, dB: beyond every method's break-point and converter's range
-)
+# largest magnitude of an SIR, dB: beyond every method's break-point and converter's range
+SIR_LIMIT_DB = 100.0
 
 
 class RequestError(ValueError):

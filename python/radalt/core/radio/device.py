@@ -3,13 +3,9 @@
 Scenes import this file, and the other radio code imports scenes: it imports only the plugins of this package.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..plugins import load_plugins
-
-__all__ = ["B210", "DEVICES", "Device", "device", "register"]
 
 
 @dataclass(frozen=True, kw_only=True)

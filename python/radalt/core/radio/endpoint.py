@@ -5,8 +5,6 @@ connection, and unlinks an ``ipc://`` path before it binds it. It therefore bind
 relays the public endpoint to it.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno
@@ -21,8 +19,6 @@ from pathlib import Path
 from typing import Any
 
 from ..parsing import shown
-
-__all__ = ["BoundedListener", "check_endpoint"]
 
 CONNECTIONS = 16  # most connections, four descriptors each; one more closes the one idle for longest
 CHUNK_BYTES = 65_536  # bytes per read from a connection: the default size of a pipe

@@ -1,11 +1,7 @@
 """Transmit interlock: the air is regulated, 4.2-4.4 GHz is a safety-of-life band (docs/design.md)."""
 
-from __future__ import annotations
-
 from ..scene import Scene
 from .levels import rx_level_dbm
-
-__all__ = ["InterlockError", "check_levels", "check_radio", "require_enclosure"]
 
 _ALTIMETER_BAND_HZ = (4.2e9, 4.4e9)  # ITU Radio Regulations
 # least attenuation of a cabled set-up at any gain, dB: a mistyped gain must not reach the receiver's limit

@@ -5,8 +5,6 @@ The model is an upper bound for the interlock, not for metrology: a radio transm
 strongest signal.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,21 +12,11 @@ import numpy as np
 from ..interference.stream import JammerStream
 from ..scene import RadioSpec, Scene
 
-__all__ = [
-    "Drive",
-    "drive",
-    "jammer_stream_args",
-    "radar_stream_args",
-    "rx_level_dbm",
-]
-
-_HEADROOM = (
-    0.7  # largest sample over the converter's full scale: interpolation filters overshoot by up to 3 dB
-)
+# largest sample over the converter's full scale: interpolation filters overshoot by up to 3 dB
+_HEADROOM = 0.7
 _CREST_MARGIN = 1.25  # margin on the largest rail in `_CREST_FRAMES` frames: longer runs have larger peaks
-_CREST_FRAMES = (
-    24  # frames in which the jammer's peak and power are measured: 180,000 samples at the default rate
-)
+# frames in which the jammer's peak and power are measured: 180,000 samples at the default rate
+_CREST_FRAMES = 24
 
 
 def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:

@@ -3,13 +3,9 @@
 Powers are relative to full scale: a complex sample of magnitude 1 is 0 dBFS. NaN stands for missing samples.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform
-
-__all__ = ["burst_share", "clipped_percent", "db", "mean_power", "ripple_and_image", "strongest_lines"]
 
 _RAIL = 0.998  # share of full scale that counts as clipped: a 12-bit converter ends at 2047 / 2048
 _INNER = 0.8  # share of the band that is measured; beyond it the radios' half-band filters roll off

@@ -5,8 +5,6 @@ since the transmitter's start, so that a replay sees the same gaps. The namespac
 and, as annotations, altitude and jammer state by frame. sigmf is imported when a file is opened or closed.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -21,22 +19,17 @@ from ..parsing import InputError, shown
 from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
 from ..sigmf_file import SigmfFile, open_sigmf
 
-__all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
-
 _BLOCK = 1 << 18  # samples per read: 2 MB
 _MAX_TERM = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
-_RATE_PPM = (
-    20.0  # largest error of a stated rate against such a ratio, ppm: rounding, and tolerance of crystals
-)
+# largest error of a stated rate against such a ratio, ppm: rounding, and tolerance of crystals
+_RATE_PPM = 20.0
 _MAX_RAISE = 16  # largest increase of the rate: a slower recording does not hold the sweep
-_TIMED = (
-    0.25  # largest timing error after a gap, samples: 5 m of altitude, the criterion of a correct detection
-)
+# largest timing error after a gap, samples: 5 m of altitude, the criterion of a correct detection
+_TIMED = 0.25
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,18}))?Z?")
 _MOST_INDEX = 1 << 60  # largest sample counter: sums of two stay within 64 bits
 # Settings for the replay of a radio's recording, and their limits: the latency that was subtracted, the full scale.
 _RADIO_RANGES = {"calibration_samples": (-1e9, 1e9), "full_scale": (1e-9, 1e9)}
-RADIO_KEYS = tuple(_RADIO_RANGES)
 
 
 class RecordingError(ValueError):
@@ -78,7 +71,8 @@ def write_metadata(
     recorder : str
         Name of the recording program.
     radio : mapping, optional
-        Any of `RADIO_KEYS`, for a recording by radio: settings of the segmenter that the scene does not give.
+        ``calibration_samples``, ``full_scale``, for a recording by radio: settings of the segmenter that the scene does
+        not give.
     """
     import sigmf
 
@@ -128,7 +122,7 @@ def _annotations(
                 "on": playing,
                 "waveform": scene.interference_name if playing else "none",
                 "overlap": max((i.overlap for i in scene.interference), default=0.0) if playing else 0.0,
-                "sir_db": _sir_db(scene) if playing else None,
+                "sir_db": float(scene.sir_db) if playing else None,
             },
         }
         low, high = (int(first) * n + round(latency_samples), int(last) * n + round(latency_samples))
@@ -136,12 +130,6 @@ def _annotations(
             a, b = max(low, s.global_index), min(high, s.global_index + s.count)
             if b > a:
                 yield s.file_start + a - s.global_index, b - a, fields
-
-
-def _sir_db(scene: Scene) -> float:
-    if scene.total_sir_db is not None:
-        return float(scene.total_sir_db)
-    return float(-10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in scene.interference)))
 
 
 # -- reading ----------------------------------------------------------------------------------------------------------

@@ -4,8 +4,6 @@ The interlock at the start of a flowgraph (`require_enclosure`) can be disabled 
 another program uses the generated class. The gate cannot be bypassed: samples reach the radio through it only.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 
@@ -13,8 +11,6 @@ import numpy as np
 
 from ..scene import Scene
 from .interlock import InterlockError, require_enclosure
-
-__all__ = ["WATCHDOG_S", "TransmitGate"]
 
 WATCHDOG_S = 1.0  # longest silence of remote control, s; after it a controlled gate passes zeros
 

@@ -5,8 +5,6 @@ declared by the sum over both half sweeps of ``-log P``, with ``P`` the probabil
 power (`Cfar`, `PairSearch`), and if most of the likelihood of all pairs lies within 5 m of it.
 """
 
-from __future__ import annotations
-
 from functools import cached_property, lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of the altimeter, and the record of one frame's result."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,8 +7,6 @@ import numpy as np
 
 from ..parsing import LARGEST, check_range
 from ..waveform import Waveform
-
-__all__ = ["FASTEST_M_PER_S", "AltimeterSettings", "RESULT_DTYPE", "Reason", "pfa_is_per_frame"]
 
 # Vertical speed allowed per frame where neither scene nor settings name one, in m/s: 3,900 ft/min, more than approaches
 # and climbs have
@@ -118,7 +114,7 @@ class AltimeterSettings:
         *,
         highest_altitude_m: float = 1500.0,
         vertical_speed_m_per_s: float | None = None,
-    ) -> AltimeterSettings:
+    ) -> "AltimeterSettings":
         """The same settings with numbers in place of None: the given ones, the altitude within the waveform's limit."""
         span: dict[str, Any] = {}
         if self.max_altitude_m is None:

@@ -11,8 +11,6 @@ Both half sweeps are turned so that an altitude shows as a *positive* beat: cell
 ``k tau + f_D``, cells of the down sweep at ``k tau - f_D``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +21,6 @@ from ..waveform import Waveform, altitude_to_delay_s
 from .altimeter_settings import FASTEST_M_PER_S, AltimeterSettings
 from .cfar import support_of
 from .decimator import Decimator
-
-__all__ = ["SHAPE_POINTS", "BeatSpectra", "Spectra"]
 
 SHAPE_POINTS = 1 << 15
 _MOST_BLIND = 0.1  # largest blind part over the half sweep

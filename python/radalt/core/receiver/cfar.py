@@ -1,13 +1,9 @@
 """Constant false-alarm rate: noise level of every beat cell, and the probability that noise reaches a cell's power."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-
-__all__ = ["Cfar", "Significance", "repeated", "support_of"]
 
 _BLOCK = 8.0  # resolution cells in a block of the test for colour
 _QUARTILES = 1.35  # standard deviations between the quartiles of a normal distribution
@@ -72,7 +68,7 @@ class Significance(NamedTuple):
         value *= looks
         return value
 
-    def frames(self, which: np.ndarray) -> Significance:
+    def frames(self, which: np.ndarray) -> "Significance":
         """The same for some of the frames, by index or mask."""
         return Significance(*(field[which] for field in self))
 

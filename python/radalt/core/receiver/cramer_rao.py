@@ -1,12 +1,8 @@
 """Cramer-Rao bounds of the up/down beat estimate."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import C_M_PER_S, Waveform
-
-__all__ = ["beat_crb_hz", "altitude_crb_m", "vertical_speed_crb_m_per_s"]
 
 
 def beat_crb_hz(waveform: Waveform, snr_db: np.ndarray | float) -> np.ndarray:
@@ -25,8 +21,3 @@ def altitude_crb_m(waveform: Waveform, snr_db: np.ndarray | float) -> np.ndarray
     """Altitude bound in metres: ``R = c (f_up - f_down) / 4k`` of two independent beats."""
     scale = C_M_PER_S / (4.0 * waveform.slope_hz_per_s)
     return scale * np.sqrt(2.0) * beat_crb_hz(waveform, snr_db)
-
-
-def vertical_speed_crb_m_per_s(waveform: Waveform, snr_db: np.ndarray | float) -> np.ndarray:
-    """Vertical-speed bound in m/s: ``v = c (f_up + f_down) / 4 f_c`` of two independent beats."""
-    return C_M_PER_S / (4.0 * waveform.carrier_hz) * np.sqrt(2.0) * beat_crb_hz(waveform, snr_db)

@@ -1,15 +1,11 @@
 """Low-pass and decimation of dechirped half sweeps to the beat band, as a matrix product per block."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np
 from scipy.linalg import blas
 
 from ..fir import kaiser_lowpass
-
-__all__ = ["Decimator"]
 
 _THREADS = 16  # threads for which buffers are kept; a flowgraph has an altimeter for each method
 
@@ -45,7 +41,9 @@ class Decimator:
         self.samples, self.rate_hz = samples, rate_hz
         self.factor = max(1, int(rate_hz / (2.0 * width_hz)))
         self.rate_out_hz = rate_hz / self.factor
-        self.taps = self._lowpass(width_hz)
+        self.taps = np.ones(1)
+        if self.factor > 1:
+            self.taps = kaiser_lowpass(width_hz / 2, self.rate_out_hz - width_hz / 2, rate_hz)
         self.outputs = -(-(samples + self.taps.size - 1) // self.factor)
         phases = -(-self.taps.size // self.factor)
         # a row of samples makes a run of outputs and reaches into the next ones; with runs about half as long as the
@@ -60,11 +58,6 @@ class Decimator:
         # there ends a flowgraph with SIGSEGV from Python 3.13 on (tests/test_threads.py)
         self._scratch: dict[int, np.ndarray] = {}
         self._lock = threading.Lock()
-
-    def _lowpass(self, width_hz: float) -> np.ndarray:
-        if self.factor == 1:
-            return np.ones(1)
-        return kaiser_lowpass(width_hz / 2, self.rate_out_hz - width_hz / 2, self.rate_hz)
 
     def _polyphase(self) -> np.ndarray:
         """(2 O, 2 R): from a row of R complex samples, rails side by side, to its share of O outputs.

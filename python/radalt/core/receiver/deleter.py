@@ -1,7 +1,5 @@
 """Deleter: when a track ends."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -11,8 +9,6 @@ from .scan import Scan
 from .summed_block import OWN_CELLS, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
-
-__all__ = ["Deleter"]
 
 # Mean over ten blocks of the normalised innovation squared, above which a track contradicts its measurements. A
 # consistent track has 1 and exceeds 8 in none of 1e9 blocks (chi square of ten values).

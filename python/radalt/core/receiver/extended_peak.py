@@ -1,10 +1,6 @@
 """Positions of extended returns in a beat spectrum: centroid and leading edge of the run of cells around a peak."""
 
-from __future__ import annotations
-
 import numpy as np
-
-__all__ = ["centroid_of", "edge_of"]
 
 
 def centroid_of(power: np.ndarray, cell: int) -> float:

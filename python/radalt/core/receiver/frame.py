@@ -1,12 +1,8 @@
 """A sweep's worth of received samples and when it came in."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-
-__all__ = ["Frame"]
 
 
 @dataclass

@@ -1,7 +1,5 @@
 """Gate: which returns of a block may continue a track."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtri
 
@@ -9,8 +7,6 @@ from .integrator import Integrator
 from .scan import Scan
 from .summed_block import Measurement
 from .track import Track
-
-__all__ = ["GATE_SIGMAS", "SPARE_SIGMAS", "Gate", "noise_threshold"]
 
 # Standard deviations by which a measured speed may exceed the greatest speed allowed. More would accept the apparent
 # speed of a grating lobe of one half sweep.

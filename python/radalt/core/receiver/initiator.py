@@ -1,7 +1,5 @@
 """Initiator: candidates for a track, from a block's strongest return to their confirmation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,8 +11,6 @@ from .summed_block import Measurement
 from .track import Evidence, Kalman, Track
 from .tracker_settings import TrackerSettings
 from .updater import Updater
-
-__all__ = ["Initiator"]
 
 # Number of candidates: one may be a grating lobe, which stays as long as the interference does, so the return needs a
 # second one.

@@ -5,14 +5,10 @@ exponential noise that costs 0.3 dB of sensitivity against the plain sum. In ret
 however strong its peak: what a method invents in one frame of forty is outvoted.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..returns.point import point_return
 from .altimeter import Altimeter, Spectra
-
-__all__ = ["Integrator", "upper_median"]
 
 # Dynamic range of one half sweep, linear (23 dB): the noise level is not estimated below the fourth side lobe of
 # its strongest line, 1 / (4.5 pi)^2, so that the side lobes of a strong return do not count as returns.

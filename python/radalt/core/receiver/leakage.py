@@ -8,8 +8,6 @@ the ground keeps its power, even at the same delays, since a stored waveform is 
 The limit is the stability of the leakage: a phase change of ``p`` rad leaves ``20 log10 p`` dB of it.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, replace
 
@@ -17,16 +15,6 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
-
-__all__ = [
-    "FITTED_ABOVE_M",
-    "LEARN_ABOVE_M",
-    "REACH_M",
-    "SHAPES",
-    "LeakageCalibration",
-    "LeakageCanceller",
-    "ground_is_apart",
-]
 
 # Delays that count as leakage, in metres of altitude from the leakage's own: cables and antennas beside each other to
 # the landing gear of an airliner
@@ -77,7 +65,7 @@ class LeakageCalibration:
         *,
         timing_offset_s: float = 0.0,
         frame_index: np.ndarray | int = 0,
-    ) -> LeakageCalibration:
+    ) -> "LeakageCalibration":
         """From frames in which nothing but the leakage is: antennas towards the sky, or the aircraft above 60 m.
 
         Parameters
@@ -107,7 +95,7 @@ class LeakageCalibration:
             raise ValueError("leakage calibration has frames that are not finite; record it anew")
         return cls(waveform, found)
 
-    def with_installation(self, measured_m: np.ndarray, true_m: float) -> LeakageCalibration:
+    def with_installation(self, measured_m: np.ndarray, true_m: float) -> "LeakageCalibration":
         """The same with the installation delay from altitudes measured at a known one, leakage subtracted.
 
         Parameters
@@ -184,7 +172,7 @@ class LeakageCanceller:
         self.align(0.0)
 
     @classmethod
-    def uncalibrated(cls, waveform: Waveform) -> LeakageCanceller:
+    def uncalibrated(cls, waveform: Waveform) -> "LeakageCanceller":
         """One that fits each frame's shapes and takes them out: of no use below `FITTED_ABOVE_M`.
 
         The ground goes with the leakage there: 13 dB of it at 40 m, 1.5 dB at 60 m, and what is left stands elsewhere.

@@ -1,7 +1,5 @@
 """Timing held on the transmitter's leakage: since its delay is constant, a change of it is a timing error."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 from scipy.linalg import blas
@@ -10,8 +8,6 @@ from ..waveform import altitude_to_delay_s
 from .leakage import REACH_M, LeakageCanceller
 from .segmenter_settings import SegmenterSettings
 from .sweep_finder import ALONE, SweepFinder
-
-__all__ = ["LeakageTiming"]
 
 # Share of the calibrated amplitude by which a leakage may differ from the calibration: half of it is a phase offset of
 # 0.5 rad, or a ground half as strong as the leakage within a sample of it.

@@ -1,10 +1,6 @@
 """The threshold on the sum of both half sweeps' significance, from the crossings of a noise spectrum."""
 
-from __future__ import annotations
-
 import numpy as np
-
-__all__ = ["pair_threshold", "upcrossings"]
 
 # Of the law's false alarms. White noise then makes 0.8 to 1.0 of the bound, 0.91 in the mean, over 14 settings of
 # speed, span, window and sweep (3,000 to 40,000 frames each).

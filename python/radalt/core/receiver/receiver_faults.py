@@ -1,14 +1,10 @@
 """Faults of a receiver that leave its frames valid and wrong: frozen samples, a quadrature error."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform
 from .repeated_frames import RepeatedFrames
 from .sweep_finder import SweepFinder
-
-__all__ = ["ReceiverFaults"]
 
 # Number of samples that distinguish frames: hard clipping leaves two bits of each sample, and behind a converter,
 # noise of half a step leaves one sample in three unchanged.

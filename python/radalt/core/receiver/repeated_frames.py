@@ -1,14 +1,9 @@
 """Frames that a frozen receiver repeats: equal bit for bit, as frames with noise never are."""
 
-from __future__ import annotations
-
 import numpy as np
 
-__all__ = ["RepeatedFrames"]
-
-_MEMORY_S = (
-    1.0  # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
-)
+# time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
+_MEMORY_S = 1.0
 
 
 class RepeatedFrames:

@@ -1,14 +1,10 @@
 """One block for the tracker's parts: its sums, its place in time, and the least errors of a measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from .summed_block import Block, Measurement
-
-__all__ = ["Scan"]
 
 # Least standard deviations of one measurement. Interference that lasts keeps both up from block to block, so a mean
 # over blocks is no better: measured behind `tcae` below 5 MHz NR (docs/tracker.md, protection level).

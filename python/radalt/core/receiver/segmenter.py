@@ -7,8 +7,6 @@ transmitted has to peak at the assumed timing. The check never moves the timing,
 the truth.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 

@@ -1,12 +1,8 @@
 """Settings of the frame segmenter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..parsing import check_range
-
-__all__ = ["SegmenterSettings"]
 
 
 @dataclass(frozen=True)

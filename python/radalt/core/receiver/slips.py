@@ -1,13 +1,9 @@
 """Losses of samples without a tag: which slip of timing and frame index explains the measured delays of the sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-
-__all__ = ["MEMORY_FRAMES", "MOST_LOST_FRAMES", "Slips"]
 
 MOST_LOST_FRAMES = 64  # most whole frames that are lost at once without a tag
 MEMORY_FRAMES = 50  # frames for which a contradicted frame is remembered, and timing counts as verified

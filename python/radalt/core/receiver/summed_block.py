@@ -1,15 +1,11 @@
 """Returns in the sums over one block of frames: the strongest, others beside it, their errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage, signal
 
 from .integrator import Integrator, upper_median
-
-__all__ = ["OWN_CELLS", "Block", "Entry", "Measurement"]
 
 # Variance of log(1 + x) for x exponential of mean 1, by numerical integration: what one cell of noise adds per frame.
 _VARIANCE = 0.1763

@@ -4,15 +4,11 @@
 a limiter and a frequency counter over the whole IF, as altimeters before digital signal processing have it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage, special
 
 from ..waveform import Waveform, delay_to_altitude_m
 from .tracker_settings import Status
-
-__all__ = ["CounterDetector", "SummedDetector"]
 
 _PADDING = 2  # spectral cells per resolution cell
 _OFFSETS = np.linspace(-0.7, 0.7, 57)
@@ -20,9 +16,8 @@ _OFFSETS = np.linspace(-0.7, 0.7, 57)
 _LINE = np.sinc((_OFFSETS + np.array([[1], [0], [-1]])) / _PADDING) ** 2
 # slope over curvature of three powers, and the line's offset in cells; a noise floor leaves it alone
 _PEAK = ((_LINE[2] - _LINE[0]) / (2 * _LINE[1] - _LINE[0] - _LINE[2]), _OFFSETS)
-_EDGE = (
-    0.25  # power of the edge over the peak's: the -6 dB point of the rise, as in `AltimeterSettings.strategy`
-)
+# power of the edge over the peak's: the -6 dB point of the rise, as in `AltimeterSettings.strategy`
+_EDGE = 0.25
 
 
 class SummedDetector:

@@ -1,14 +1,10 @@
 """Whether a frame shows its sweep at the delay it was sent with: a verdict per frame, which never moves the timing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform, altitude_to_delay_s
 from .segmenter_settings import SegmenterSettings
 from .sweep_finder import ALONE, SweepFinder
-
-__all__ = ["NOT_CHECKED", "SweepCheck"]
 
 # Largest error of a delay, samples: by the matched filter, by the correlation.
 _TOLERANCE, _COARSE = 0.4, 1.0

@@ -1,7 +1,5 @@
 """Delay of the sweep in received samples: by correlation at any delay, by matched filters near an expected one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -13,16 +11,13 @@ from ..waveform import Waveform, altitude_to_delay_s
 from .altimeter import AltimeterSettings, shared_altimeter
 from .segmenter_settings import SegmenterSettings
 
-__all__ = ["ALONE", "SweepFinder"]
-
 _FRACTION = 0.25  # least fractional delay that is reported, samples: 5 m at the default rate
 _FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
 # Least power of the sweep's peak over any other beyond its flanks (samples): a burst of narrow-band interference
 # correlates with a piece of the sweep at many delays, all about as strong.
 ALONE, _FLANK = 4.0, 3
-_MAX_SPREAD_SAMPLES = (
-    0.2  # largest spread between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
-)
+# largest spread between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
+_MAX_SPREAD_SAMPLES = 0.2
 
 
 class SweepFinder:

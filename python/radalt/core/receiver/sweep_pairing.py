@@ -1,7 +1,5 @@
 """Which cell of the up sweep and which of the down sweep are one target."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,15 +8,12 @@ import numpy as np
 from .altimeter_settings import Reason
 from .cfar import Cfar, Significance, repeated
 
-__all__ = ["FLOOR", "Found", "PairSearch"]
-
 # Least significance of each half sweep on its own: noise exceeds it in 5 %.
 FLOOR = 3.0
 _CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank
 _HALVES = np.arange(2)
-_OUTSHINING = (
-    10.0  # least power, over the cells found, of a line beyond the span that is taken for the return
-)
+# least power, over the cells found, of a line beyond the span that is taken for the return
+_OUTSHINING = 10.0
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
 # Points per cell in the search of pairs: where holes in the sweep narrow the peak, a return between two cells loses up
 # to 0.4 dB, and a grating lobe on a cell would win.

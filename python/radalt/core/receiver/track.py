@@ -1,15 +1,11 @@
 """One track of the altitude tracker: its Kalman filter, and its evidence against every rival altitude."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from .summed_block import Measurement
-
-__all__ = ["Evidence", "Kalman", "Track"]
 
 # Latest altitudes whose slope is a track's speed: one second of outputs, over which an aircraft's speed holds.
 _FITTED = 25
@@ -193,9 +189,8 @@ class Track:
     corrected_m: float = 0.0  # correction of the predicted altitude by the latest measurement
     protection_m: float = np.inf  # bound of its altitude's error, computed when the altitude is to be given
     doppler_m_per_s: float = 0.0  # mean of the measured speeds over as many blocks as its evidence
-    deviation: float = (
-        0.0  # deviation of its peak from a point's shape, mean over as many blocks as its evidence
-    )
+    # deviation of its peak from a point's shape, mean over as many blocks as its evidence
+    deviation: float = 0.0
     resolved: bool = False  # whether its evidence ruled out every other pair of cells once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement

@@ -1,7 +1,5 @@
 """Integrity of a track: rivals that could be the ground, and the protection level of its altitude."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +10,6 @@ from .scan import Scan
 from .summed_block import Block, Entry, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
-
-__all__ = ["Integrity"]
 
 # Distance, resolution cells, of the first grating lobe of a sweep in which a method has left holes.
 _GRATING_CELLS = 2.0

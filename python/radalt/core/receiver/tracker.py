@@ -10,8 +10,6 @@ A wrong altitude that is called NORMAL is the hazard, a missing one an inconveni
 gives no altitude, and neither does one with a rival that could as well be the ground.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import delay_to_altitude_m

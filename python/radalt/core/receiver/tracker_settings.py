@@ -1,14 +1,10 @@
 """Settings and outputs of the altitude tracker."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..parsing import check_range
-
-__all__ = ["OUTPUT_DTYPE", "State", "Status", "TrackerSettings"]
 
 
 class Status:

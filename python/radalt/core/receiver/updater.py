@@ -1,7 +1,5 @@
 """Updater: measures tracks in a block, and updates their filter and evidence."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .gate import Gate
@@ -9,8 +7,6 @@ from .scan import Scan
 from .summed_block import Block, Measurement
 from .track import Track
 from .track_integrity import Integrity
-
-__all__ = ["Updater"]
 
 # Blocks in a row in which a track's altitudes contradict its Doppler: what stands there is a grating lobe. One alone
 # may be interference that pulls one half sweep.

@@ -1,14 +1,10 @@
 """Transmitter, losses and receiver of the radar over terrain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scipy.constants import Boltzmann
 
 from ..parsing import check_range
-
-__all__ = ["RadarLink"]
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,11 @@ All powers and densities hold at the receiver's input, behind the receive cable;
 transmitter's output to there, as altimeter test sets state it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.constants import speed_of_light
 
 from .terrain.antenna import Antenna
 from .terrain.ground import Reflectivity
-
-__all__ = ["diffuse_loop_loss_db", "port_density_dbm_per_mhz"]
 
 _STEPS = 2000  # steps of the midpoint rule over incidence: 0.001 dB for beams from 10 degrees on
 

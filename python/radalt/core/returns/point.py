@@ -1,12 +1,8 @@
 """Point returns: delayed, Doppler-shifted copies of the sweep (docs/design.md), evaluated without a filter."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
-
-__all__ = ["point_return"]
 
 
 def point_return(

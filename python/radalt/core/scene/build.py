@@ -1,7 +1,5 @@
 """Objects of the signal path from a scene, for the blocks of a flowgraph and for runs without one."""
 
-from __future__ import annotations
-
 from ..channel.simulated import SimulatedChannel
 from ..interference.stream import JammerStream
 from ..programme import SentAltitudes
@@ -10,8 +8,6 @@ from ..receiver.segmenter import FrameSegmenter
 from ..returns.landing import TerrainPlayer
 from ..sweeps import SentSweeps
 from .scene import Scene
-
-__all__ = ["channel_of", "jammer_of", "segmenter_of", "sweeps_of"]
 
 
 def sweeps_of(scene: Scene) -> SentSweeps:

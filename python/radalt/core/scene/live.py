@@ -1,7 +1,5 @@
 """Displays of a live view: the range profile with its threshold, and a strip of altitudes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -10,8 +8,6 @@ from ..channel.settings import DropSettings
 from ..receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..waveform import Waveform
 from .scene import Scene
-
-__all__ = ["AltitudeStrip", "RangeProfile", "by_hand"]
 
 _FLOOR_DB = -200.0  # value shown for zero power, dB
 

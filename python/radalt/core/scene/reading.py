@@ -3,8 +3,6 @@
 A wrong key, unit, range or type gives one line that names file, key, value and what is allowed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from pathlib import Path
@@ -19,16 +17,6 @@ from ..paths import scene_names, scene_path
 from ..receiver.altimeter_settings import pfa_is_per_frame
 from ..text import one_line
 from .scene import Scene
-
-__all__ = [
-    "SceneError",
-    "interference_from_yaml",
-    "interferer_to_mapping",
-    "load_scene",
-    "parse_scene",
-    "scene_from_parameters",
-    "scene_to_mapping",
-]
 
 _MOST_SIR_DB = 200.0  # largest magnitude of an SIR, dB: the bound of every quantity in decibels
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")

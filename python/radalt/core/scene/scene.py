@@ -1,7 +1,5 @@
 """A scene as typed, validated, frozen dataclasses (docs/design.md)."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass, field
@@ -21,8 +19,6 @@ from .sections import AltitudeSpec, RadioSpec, SweepSpec
 
 if TYPE_CHECKING:
     from ..interference.emitters import NamedEmitter
-
-__all__ = ["Scene", "burst_db"]
 
 _MOST_SAMPLES = 1 << 20  # longest frame in a flowgraph, samples: 8 MB, 140 default frames
 _FRAMES_HELD = 128  # frames in the buffers of a flowgraph with a few methods, for the error on memory
@@ -214,7 +210,7 @@ class Scene:
         sir_db: float | None = None,
         snr_db: float | None = None,
         seed: int | None = None,
-    ) -> Scene:
+    ) -> "Scene":
         """The scene at one point of a sweep over overlap, SIR and SNR.
 
         Overlap and SIR apply to every interferer; with several, each keeps its SIR relative to the first and the sum

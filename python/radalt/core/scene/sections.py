@@ -1,15 +1,11 @@
 """Sections of a scene: altitudes, the sweep over overlap, radios (docs/design.md)."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 
 from ..parsing import check_range, shown
 from ..programme import Programme
 from ..radio.device import Device, device
-
-__all__ = ["AltitudeSpec", "RadioSpec", "SweepSpec"]
 
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
 _MOST_ATTENUATION_DB = 150.0  # largest attenuation of a set-up, dB: beyond it no signal is above the noise

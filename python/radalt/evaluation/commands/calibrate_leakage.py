@@ -6,8 +6,6 @@ A scene uses the file by the key segmenter.leakage_calibration: results/leakage.
 Needs no GNU Radio.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ..engine.options import Parser, command, number, path

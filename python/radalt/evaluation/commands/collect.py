@@ -7,8 +7,6 @@ kept apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) 
 occurs twice counts once. Needs no GNU Radio.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path

@@ -10,8 +10,6 @@
 pyzmq only, neither GNU Radio nor this package.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

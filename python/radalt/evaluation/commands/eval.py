@@ -11,8 +11,6 @@ Options change the scene; lists are numbers with commas (0,0.3,1) or start:stop:
 "=" before a minus.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import dataclasses

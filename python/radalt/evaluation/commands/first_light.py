@@ -9,8 +9,6 @@ the end whatever fails. Nothing is transmitted unless the scene names the enclos
 first-light-DATE.zip holds report, rows, short SigMF captures and versions, at most 50 MB; --read shows one.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

@@ -11,8 +11,6 @@ Radio instead, for the scene of its name: DVB-T, DVB-T2, ATSC, DVB-S2 or OFDM pa
 .venv/bin/python flowgraphs/make_recording.py --antennas 1 --snr-db 20 --out results/one_antenna.sigmf-meta
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -7,8 +7,6 @@
 Runs in real time without end. Endpoints are on loopback by default; there is no authentication.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ..engine.options import Parser, command, names_of, number

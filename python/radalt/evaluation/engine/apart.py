@@ -1,7 +1,5 @@
 """Calls in a fresh Python process, whose memory, imports and threads are the call's own."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -9,8 +7,6 @@ import sys
 from typing import Any
 
 from .pool import WorkerError
-
-__all__ = ["call_apart"]
 
 _MARK = "RESULT "  # begins the line of the result; other lines are the called code's own
 _CODE = """

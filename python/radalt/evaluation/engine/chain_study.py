@@ -1,7 +1,5 @@
 """Base class of studies that compare chains of method and altimeter."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,8 +9,6 @@ from ...core.mitigation import METHODS
 from ...core.waveform import Waveform
 from ..results.chain import Chain, seconds_per_frame
 from .study import Study
-
-__all__ = ["ChainStudy"]
 
 
 class ChainStudy(Study):

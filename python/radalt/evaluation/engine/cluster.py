@@ -6,8 +6,6 @@ that join later). A task is then a point. A worker measures it in a process of i
 lost worker to another one, and rows are a function of study and point.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import hashlib
@@ -36,8 +34,6 @@ try:
     from distributed.diagnostics.plugin import WorkerPlugin
 except ImportError:
     raise WorkerError("--scheduler needs Dask's package distributed: pip install distributed") from None
-
-__all__ = ["Cluster", "Measurer", "installed"]
 
 CONNECT_S = 10.0  # longest wait for the scheduler, s
 WORKERS_S = 60.0  # longest time without any worker, s

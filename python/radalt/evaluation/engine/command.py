@@ -1,7 +1,5 @@
 """Running a study from a command line: estimate, progress, one line for each error."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shlex
@@ -17,8 +15,6 @@ from .options import EXPECTED, Options, Terminated, complain, duration
 from .publish import check_target, publish
 from .run import Progress, run
 from .study import Study
-
-__all__ = ["Bar", "main"]
 
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 

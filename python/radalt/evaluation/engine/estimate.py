@@ -1,15 +1,11 @@
 """Estimated duration of a study, from a short sample of its work on this machine."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence
 from functools import lru_cache
 
 from .study import Point, Study
-
-__all__ = ["AROUND_S", "estimate"]
 
 AROUND_S = 5.0  # start of the workers, report and figures of a run, s
 

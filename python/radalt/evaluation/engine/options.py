@@ -3,8 +3,6 @@
 This module does not import NumPy, so that an unsuitable Python gets one line as well.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import functools
@@ -22,26 +20,6 @@ from typing import NoReturn
 from ...core.parsing.messages import did_you_mean
 from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
-
-__all__ = [
-    "EXPECTED",
-    "MAX_JOBS",
-    "MAX_SEED",
-    "Options",
-    "Parser",
-    "Terminated",
-    "add_options",
-    "check_ours",
-    "command",
-    "command_of",
-    "complain",
-    "duration",
-    "names_of",
-    "number",
-    "options_of",
-    "path",
-    "typed",
-]
 
 MAX_JOBS = 256  # most local workers: more than any machine's cores
 MAX_SEED = 2**63 - 1  # largest seed: int64

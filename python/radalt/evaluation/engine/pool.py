@@ -4,8 +4,6 @@ The processes are managed by pebble, which can end a task that hangs in C++ and 
 Faulty flowgraphs do both.
 """
 
-from __future__ import annotations
-
 import atexit
 import multiprocessing
 import os
@@ -19,8 +17,6 @@ from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
 from ...core.text import said
-
-__all__ = ["WorkerError", "answered", "outcome_of", "processes", "run_tasks"]
 
 _START_S = 10.0  # longest wait at the end of a run for workers that are starting, s
 

@@ -1,15 +1,11 @@
 """Copies page, figures and data of a result folder to the stable names that the documentation links to."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
 from ..results.folder import FolderError
-
-__all__ = ["check_target", "publish"]
 
 
 def check_target(target: Path) -> None:

@@ -1,7 +1,5 @@
 """The sweep engine: points of a study to workers, rows to the result folder, at the end the report."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import time
@@ -20,8 +18,6 @@ from .task import Outcome, kept_row, measure_point, peak_memory_bytes
 
 if TYPE_CHECKING:
     from .cluster import Cluster
-
-__all__ = ["Progress", "head_of", "run"]
 
 
 @dataclass(frozen=True)
@@ -89,7 +85,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
 
 
 def _outcomes(
-    study: Study, points: Sequence[Point], options: Options, jobs: int, cluster: Cluster | None
+    study: Study, points: Sequence[Point], options: Options, jobs: int, cluster: "Cluster | None"
 ) -> Iterator[tuple[int, Outcome]]:
     """(index, outcome) of every point, as they are measured."""
     limit_s = options.time_limit_s
@@ -172,7 +168,7 @@ def _holds(study: Study, points: dict[str, Point], entry: dict[str, Any]) -> boo
         return False
 
 
-def _cluster(study: Study, scheduler: str) -> Cluster:
+def _cluster(study: Study, scheduler: str) -> "Cluster":
     if study.stays_here:
         raise WorkerError(f"--scheduler {scheduler}: {study.stays_here}; leave it out")
     from .cluster import Cluster

@@ -4,21 +4,15 @@ A study's room holds one `command.py`, which the command ``radalt`` finds by sca
 module does not import NumPy, so that ``--help`` is fast.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .options import MAX_SEED, Parser, add_options, command, command_of, names_of, number, options_of
-
-if TYPE_CHECKING:
-    from .study import Study
-
-__all__ = ["StudyCommand", "add_frames", "add_methods", "add_seed"]
+from .study import Study
 
 
 def add_methods(parser: Parser, default: str) -> None:

@@ -1,7 +1,5 @@
 """Base class of studies: points, their measurement, and a report of the rows."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +10,6 @@ from ..results.rows import Columns
 
 if TYPE_CHECKING:
     from ..results.folder import RunFolder
-
-__all__ = ["Point", "Run", "Study"]
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,7 @@ class Study:
         """Every point, in the order of the report."""
         raise NotImplementedError
 
-    def begin(self, folder: Path) -> Study:
+    def begin(self, folder: Path) -> "Study":
         """The study ready to be measured; generated files are in ``folder``."""
         return self
 
@@ -74,7 +70,7 @@ class Study:
         """Table of a row; the console shows the rows in the point's own table."""
         return point.table
 
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+    def report(self, folder: "RunFolder", rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """Write the report of all rows by table; returns the path of its page.
 
         By default ``write_report(folder, study, rows, run)`` of the module ``report`` beside the study's.
@@ -87,7 +83,7 @@ class Study:
         """Approximate CPU seconds of a point, for the estimate before the run."""
         raise NotImplementedError
 
-    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
+    def rehearsal(self) -> "tuple[tuple[Study, Point], ...]":
         """Short points whose measured CPU time over `seconds` scales the estimate; none for no scaling."""
         return ()
 
@@ -95,7 +91,7 @@ class Study:
         """Input files that a remote worker may lack, by their names in `with_files`."""
         return {}
 
-    def with_files(self, files: Mapping[str, Path]) -> Study:
+    def with_files(self, files: Mapping[str, Path]) -> "Study":
         """The study with its input files at other paths."""
         return self
 

@@ -1,7 +1,5 @@
 """Measurement of a point in a worker."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from .study import Point, Study
-
-__all__ = ["Outcome", "kept_row", "measure_point", "peak_memory_bytes"]
 
 
 @dataclass(frozen=True)

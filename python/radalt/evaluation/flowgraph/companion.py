@@ -6,16 +6,12 @@ The flowgraphs use it in their option *Run Command*. Without it, a generated pro
 scene or a missing radio, and ends with 0 when a block has failed.
 """
 
-from __future__ import annotations
-
 import runpy
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ...blocks._guard import raised
-
-__all__ = ["main"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

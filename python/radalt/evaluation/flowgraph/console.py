@@ -1,14 +1,10 @@
 """Summary of a finished flowgraph for the companion's console: score of each method, and counters."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ...core.mitigation import METHODS
 from ...core.scene import Scene
 from ..results.score import CORRECT_LIMIT_M, score
-
-__all__ = ["scores"]
 
 _COUNTERS = ("frames", "lost_samples", "dropped_slow", "saturated_frames", "lock_losses")
 

@@ -1,7 +1,5 @@
 """Generation of Python from a flowgraph by GNU Radio's compiler."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import io
@@ -16,8 +14,6 @@ from ...core.paths import share_dir
 from ...core.scene import Scene
 from . import FlowgraphError
 from .rewrite import load_grc, prune, save_grc, simulate, tracked
-
-__all__ = ["Prepared", "generate", "generated_here", "grc_dirs", "prepare", "save_as_companion", "shipped"]
 
 
 @dataclass(frozen=True)

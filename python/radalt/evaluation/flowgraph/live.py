@@ -1,7 +1,5 @@
 """Window of the live view: size, markers and status line; the flowgraph's snippet calls `dress`."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable
@@ -11,8 +9,6 @@ import numpy as np
 
 from ...core.scene import Scene
 from ..results.score import score_frames
-
-__all__ = ["StatusLine", "dress"]
 
 SIZE = (1600, 950)  # size of the window, pixels, unless the screen is smaller or a size was stored
 _EVERY_MS = 500  # time between updates of the status line, ms

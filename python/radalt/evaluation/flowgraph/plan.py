@@ -3,8 +3,6 @@
 The flowgraph, the reports and ``ota_eval.py --plan`` use this list. The planner imports none of the parts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,16 +11,13 @@ from ...core.receiver.altimeter import Altimeter, shared_altimeter
 from ...core.receiver.altimeter_settings import AltimeterSettings
 from ...core.scene import Scene
 
-__all__ = ["Part", "Plan", "left_out", "make_plan"]
-
 
 class Part(NamedTuple):
-    """A part of a run, the reason in the scene, and the module that is not imported without it."""
+    """A part of a run, and the reason in the scene."""
 
     name: str
     needed: bool
     why: str
-    module: str = ""
 
 
 class Plan(NamedTuple):
@@ -36,11 +31,6 @@ class Plan(NamedTuple):
     def left_out(self) -> list[str]:
         """One line for every part that is not built, imported or computed."""
         return [f"{part.name}: {part.why}" for part in self.parts if not part.needed]
-
-    @property
-    def absent_modules(self) -> list[str]:
-        """Modules that a simulated run of this scene does not import."""
-        return [part.module for part in self.parts if part.module and not part.needed]
 
     def text(self) -> str:
         """The plan for a terminal."""
@@ -92,11 +82,11 @@ def _parts(scene: Scene, methods: Sequence[str]) -> list[Part]:
     parts = [
         Part("jammer source and second B210", scene.has_jammer, jammer),
         Part(f"methods {', '.join(methods)}", True, "asked for"),
-        Part("onnxruntime", network, networks, "onnxruntime"),
-        Part("terrain", landing, terrain, "radalt.core.returns.terrain"),
+        Part("onnxruntime", network, networks),
+        Part("terrain", landing, terrain),
         Part("true delay and Doppler", delayed, delays),
-        Part("windows", False, "headless; the live flowgraphs have them", "PyQt5"),
-        Part("matplotlib", False, "figures are drawn by the report, after the run", "matplotlib"),
+        Part("windows", False, "headless; the live flowgraphs have them"),
+        Part("matplotlib", False, "figures are drawn by the report, after the run"),
     ]
     absent = [m for m in METHODS if m not in methods]
     if absent:
@@ -116,7 +106,7 @@ def _simulated(channel: ChannelSettings) -> list[Part]:
         "leakage": channel.leakage_db is not None,
         "multipath": channel.return_multipath is not None,
     }
-    parts = [Part("UHD and radios", False, "the channel is simulated", "gnuradio.uhd")]
+    parts = [Part("UHD and radios", False, "the channel is simulated")]
     for needed, why in ((True, "on in the scene"), (False, "off in the scene")):
         names = [name for name, on in stated.items() if on == needed]
         parts += [Part(f"channel impairments {', '.join(names)}", needed, why)] if names else []

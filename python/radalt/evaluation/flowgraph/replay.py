@@ -1,7 +1,5 @@
 """Scores of recordings through the flowgraph: ``ota_eval.py --replay`` writes rows and frames."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json
@@ -26,8 +24,6 @@ from .generate import Prepared, generate, shipped
 from .rewrite import from_recording, prune
 from .run import make_top, result_of
 from .watch import run_to_end
-
-__all__ = ["prepare_replay", "replay_scene", "run_replay", "score_recording", "summary"]
 
 
 def score_recording(

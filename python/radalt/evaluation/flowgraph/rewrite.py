@@ -4,8 +4,6 @@ For simulation, one simulated channel replaces the three UHD blocks and the gate
 radios only are removed, and no frame is dropped; blocks that the scene does not need are disabled.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Sequence
@@ -15,23 +13,6 @@ from typing import Any
 from ...core.mitigation import CUSTOM, METHODS
 from ...core.parsing import load_yaml
 from . import FlowgraphError
-
-__all__ = [
-    "CHANNEL",
-    "JAMMER_GATE",
-    "JAMMER_SINK",
-    "RADAR_GATE",
-    "RADAR_SINK",
-    "RADAR_SOURCE",
-    "from_recording",
-    "load_grc",
-    "prune",
-    "remote",
-    "save_grc",
-    "simulate",
-    "tracked",
-    "with_chain",
-]
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"

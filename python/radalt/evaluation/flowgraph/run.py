@@ -1,7 +1,5 @@
 """Runs a generated flowgraph for a scene to its end and collects its results."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys
@@ -18,16 +16,6 @@ from ..simulation import PointResult
 from .generate import Prepared
 from .rewrite import CHANNEL
 from .watch import blocks_of, run_to_end
-
-__all__ = [
-    "attach_recorder",
-    "finish_recorder",
-    "load_class",
-    "make_top",
-    "result_of",
-    "run_point",
-    "write_scene",
-]
 
 
 def load_class(prepared: Prepared) -> type:

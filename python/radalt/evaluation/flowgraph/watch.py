@@ -1,7 +1,5 @@
 """Runs flowgraphs: start, poll, stop, and raise the exceptions of blocks."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable
@@ -9,8 +7,6 @@ from typing import Any
 
 from ...blocks._guard import raise_stored
 from . import FlowgraphError
-
-__all__ = ["blocks_of", "run_to_end"]
 
 _STOP_S = 10.0  # longest stop of a flowgraph, s
 

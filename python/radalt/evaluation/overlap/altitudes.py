@@ -1,7 +1,5 @@
 """Results by altitude: rows of altitudes.csv, distribution of errors, and intervals of RMSE."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -13,16 +11,6 @@ from ..results.rows import Columns
 from ..results.score import SCORE_COLUMNS, pool, score_frames, trials_of
 from .points import OverlapPoint
 from .rows import POINT, place_of
-
-__all__ = [
-    "ALTITUDE_COLUMNS",
-    "ERRORS_M",
-    "altitude_rows",
-    "groups",
-    "pool_altitudes",
-    "rmse_interval",
-    "with_intervals",
-]
 
 # upper limits of the error's distribution, m
 ERRORS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)

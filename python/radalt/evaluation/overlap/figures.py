@@ -3,8 +3,6 @@
 Every figure is written as PNG, PDF and SVG; in the SVG, a tooltip shows a point's values.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,8 +16,6 @@ from ..results.score import CORRECT_LIMIT_M
 from ..results.style import series_style
 from .altitudes import ERRORS_M, groups
 from .panels import Row, panels, series_of, spread
-
-__all__ = ["draw_error", "draw_error_cdf", "draw_pd", "draw_pd_by_altitude", "draw_wrong"]
 
 _PD_LABEL = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
 _WIDTH = 3.5  # width of a panel, inches: the column of a two-column page

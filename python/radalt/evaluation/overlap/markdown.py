@@ -1,7 +1,5 @@
 """Tables of the main study's report; its prose is in ``report.md.j2``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,8 +10,6 @@ from ..results.score import pool
 from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
 from .altitudes import groups
 from .panels import Row, panels, series_of, spread, with_interference
-
-__all__ = ["every_row", "glance", "pd_tables", "report_markdown", "summary", "tracked_table"]
 
 _TRACKED = ("wrong_5m", "misleading", "hazardous")
 

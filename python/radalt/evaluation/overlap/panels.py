@@ -1,13 +1,9 @@
 """Panels of tables and figures: rows that differ in the horizontal axis and the series alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ..results.table import DASH
-
-__all__ = ["panels", "series_of", "spread", "swept_axes", "with_interference"]
 
 Row = dict[str, Any]
 

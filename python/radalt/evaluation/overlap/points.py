@@ -1,7 +1,5 @@
 """Points of a sweep: each is a function of (scene, point, seed), in any order and process."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -13,8 +11,6 @@ import numpy as np
 from ...core.parsing import quantity, shown
 from ...core.scene import Scene, SceneError
 from ..engine.study import Point
-
-__all__ = ["OverlapPoint", "changed", "parse_axis", "point_seed", "scene_at", "sweep_points"]
 
 _MAX_VALUES = 1001  # most values of one axis; more are a mistake in start:stop:step
 
@@ -31,7 +27,7 @@ class OverlapPoint(Point):
     @classmethod
     def at(
         cls, overlap: float, sir_db: float | None, snr_db: float | None, frames: int = 0, table: str = "rows"
-    ) -> OverlapPoint:
+    ) -> "OverlapPoint":
         """A point with a name made of its values."""
         parts = ["ceiling"] if table == "ceiling" else [f"overlap {overlap:g}"]
         parts = ["tracked", *parts] if table == "tracked" else parts
@@ -133,20 +129,12 @@ def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:
                 f"sweep.{named} {getattr(sweep, named)} needs interference, and the scene has none"
             )
         return tuple(OverlapPoint.at(0.0, None, snr, frames) for snr in snrs)
-    sirs = sweep.sir_db or (_own_sir_db(scene),)
+    sirs = sweep.sir_db or (scene.sir_db if scene.total_sir_db is not None else round(scene.sir_db, 9),)
     overlaps = sweep.overlap or (max(i.overlap for i in scene.interference),)
     points = (
         OverlapPoint.at(overlap, sir, snr, frames) for snr in snrs for sir in sirs for overlap in overlaps
     )
     return tuple(dict.fromkeys(points))
-
-
-def _own_sir_db(scene: Scene) -> float:
-    """SIR of all interferers of the scene together."""
-    if scene.total_sir_db is not None:
-        return scene.total_sir_db
-    power = sum(10.0 ** (-i.sir_db / 10.0) for i in scene.interference)
-    return round(-10.0 * float(np.log10(power)), 9)
 
 
 def point_seed(seed: int, point: OverlapPoint) -> int:

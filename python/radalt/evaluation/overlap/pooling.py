@@ -4,8 +4,6 @@ Counts are added and Wilson intervals recomputed. Only runs with equal settings 
 (equal scene and seed, so equal random numbers) counts once.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterator, Sequence
@@ -22,8 +20,6 @@ from .panels import Row, swept_axes
 from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
 
-__all__ = ["POOLED_COLUMNS", "PoolError", "collect", "pool_runs", "read_run"]
-
 _REPRODUCED = [c for c in COLUMNS.names if c not in COLUMNS.timing]  # columns that a repetition has again
 POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in _REPRODUCED if c != "seed")))
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
@@ -38,7 +34,11 @@ def pool_runs(runs: Sequence[Run]) -> tuple[list[Row], list[str]]:
     """
     for k, run in enumerate(runs):
         for other in runs[:k]:
-            _compare(other, run)
+            for key, left, right in _differences(other, run):
+                raise PoolError(
+                    f"cannot pool {other.folder} and {run.folder}: {key} is {_brief(left)} in the one, "
+                    f"{_brief(right)} in the other"
+                )
     kept: dict[tuple[Any, ...], list[tuple[Run, Row]]] = {}
     repeated: dict[tuple[str, str], int] = {}
     for run in runs:
@@ -64,15 +64,6 @@ def _place(row: Row, methods: Sequence[str]) -> tuple[Any, ...]:
     """Sort key: by panel, highest SIR first as in the figures, then overlap, then methods in the order of the runs."""
     sir, snr = (_BEFORE_ALL if row[key] is None else -row[key] for key in ("sir_db", "snr_db"))
     return row["interference"], snr, sir, row["overlap"], row["source"], methods.index(row["method"])
-
-
-def _compare(a: Run, b: Run) -> None:
-    """Raise `PoolError` for the first forbidden difference between two runs."""
-    for key, left, right in _differences(a, b):
-        raise PoolError(
-            f"cannot pool {a.folder} and {b.folder}: {key} is {_brief(left)} in the one, "
-            f"{_brief(right)} in the other"
-        )
 
 
 def _brief(value: Any) -> str:

@@ -1,7 +1,5 @@
 """Reports of finished runs, from anybody: what does not hold is refused in one line before it is pooled or shown."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +8,6 @@ from ...core.parsing import LARGEST, shown
 from ..results.folder import SCHEMA, read_report
 from ..results.score import pool
 from .rows import COLUMNS
-
-__all__ = ["ALTITUDE_KEYS", "SCENE_PARTS", "PoolError", "Run", "read_run"]
 
 # keys of a scene that must be equal in all pooled runs
 SCENE_PARTS = ("waveform", "altimeter", "segmenter")

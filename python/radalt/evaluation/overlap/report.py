@@ -1,7 +1,5 @@
 """Report of a run's rows: report.json, report.md and the figures."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,14 +23,12 @@ from .panels import Row, swept_axes, with_interference
 if TYPE_CHECKING:
     from .study import OverlapStudy
 
-__all__ = ["break_points", "build_report", "write_report"]
-
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 
 
 def write_report(
     folder: RunFolder,
-    study: OverlapStudy,
+    study: "OverlapStudy",
     rows: Sequence[Row],
     ceiling: Sequence[Row],
     run: Run,
@@ -98,7 +94,7 @@ def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tu
 
 
 def build_report(
-    head: dict[str, Any], study: OverlapStudy, rows: Sequence[Row], ceiling: Sequence[Row], run: Run
+    head: dict[str, Any], study: "OverlapStudy", rows: Sequence[Row], ceiling: Sequence[Row], run: Run
 ) -> dict[str, Any]:
     """Content of ``report.json``."""
     scene = study.scene

@@ -1,7 +1,5 @@
 """Rows of the main study: one per method and point."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -11,8 +9,6 @@ from ..results.integrity import COUNTS, Integrity, alert_limit_m, integrity
 from ..results.rows import Columns
 from ..results.score import Score
 from .points import OverlapPoint
-
-__all__ = ["COLUMNS", "COUNTERS", "POINT", "TRACKED_COLUMNS", "make_row", "place_of", "tracked_row"]
 
 POINT = ("method", "interference", "overlap", "sir_db", "snr_db")  # columns that name a method and a point
 

@@ -1,7 +1,5 @@
 """The plan of `settings` carried out on UHD blocks: settings read back, lock sensors, time, a common start."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -12,8 +10,6 @@ from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
 from ..flowgraph.rewrite import RADAR_SINK, RADAR_SOURCE
 from .settings import Step, plan, radio_blocks
-
-__all__ = ["Readback", "bring_up", "start_together"]
 
 _LOCK_S = 2.0  # longest lock of an LO or reference, s
 _PPS_S = 1.5  # wait for a pulse, s: one comes every second

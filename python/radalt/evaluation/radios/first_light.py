@@ -4,8 +4,6 @@
 simulation. Titles, limits and causes are in first_light.yaml, measurements in `first_light_steps`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time
@@ -27,8 +25,6 @@ from ..engine.options import EXPECTED
 from ..flowgraph.rewrite import RADAR_GATE
 from ..results.folder import writing
 from ..simulation import TAIL_FRAMES, PointResult, found_latency, received, run_chain
-
-__all__ = ["CABLING", "STEPS", "Bench", "Check", "Flight", "Measured", "perform", "simulated_samples"]
 
 _DATA = load_yaml(Path(__file__).with_suffix(".yaml"), what="steps")
 STEPS: dict[str, dict[str, Any]] = _DATA["steps"]

@@ -1,7 +1,5 @@
 """What the first hour found, in one zip of at most 50 MB: report, rows, recordings, versions; and reading one."""
 
-from __future__ import annotations
-
 import csv
 import io
 import lzma
@@ -18,8 +16,6 @@ from ..results.folder import RunFolder, replace_file, versions
 from ..results.page import write_pages
 from ..results.table import table
 from .first_light import STEPS, Bench, Check
-
-__all__ = ["MOST_BYTES", "BundleError", "open_folder", "read_bundle", "verdict_of", "write_bundle"]
 
 MOST_BYTES = 50 << 20
 _MOST_FILES, _MOST_UNPACKED = 100, 100 << 20

@@ -1,7 +1,5 @@
 """What each step of the first hour measures; limits and causes are in first_light.yaml."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Iterator
@@ -22,8 +20,6 @@ from ..flowgraph.rewrite import RADAR_GATE
 from ..results.score import score
 from ..simulation import run_chain
 from .first_light import Bench, Flight, Measure, Measured, simulated_samples
-
-__all__ = ["MEASURES"]
 
 _HEARD_DB = 3.0  # above the noise: something arrives
 _LISTENED = 40  # frames

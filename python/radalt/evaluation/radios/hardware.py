@@ -1,7 +1,5 @@
 """One point of a sweep on two B210s: the companion's flowgraph, its radios set up by `setup`."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import re
@@ -28,8 +26,6 @@ from ..simulation import TAIL_FRAMES, PointResult
 from .bring_up import bring_up, start_together
 from .settings import radio_blocks
 from .setup import FULL_SCALE, programme_over, set_up
-
-__all__ = ["calibrate", "link_bytes_per_s", "receive_alone", "run_hardware"]
 
 _START_S = 3.0  # longest time from `set_up` to the first sample, s
 _POLL_S = 0.02  # time between checks of the programme's end, s

@@ -1,7 +1,5 @@
 """Leakage calibration of a scene's simulated installation, by the steps of a real one."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -14,8 +12,6 @@ from ...core.receiver.frame import Frame
 from ...core.receiver.leakage import LeakageCalibration, LeakageCanceller
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.scene import Scene, SceneError
-
-__all__ = ["calibrate_leakage"]
 
 _KNOWN_M = 300.0  # altitude for the installation delay, m: beyond the leakage's side lobes
 # frames dropped while the lock settles, and frames at the known altitude: a mean error of a few centimetres

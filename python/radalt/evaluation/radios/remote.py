@@ -1,7 +1,5 @@
 """The endless flowgraph for remote control: ota_b210.grc with altitudes by hand and a control socket."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import threading
@@ -16,8 +14,6 @@ from ..flowgraph.generate import Prepared, generated_here, shipped
 from ..flowgraph.rewrite import prune, remote, simulate
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import run_to_end
-
-__all__ = ["drive_remotely"]
 
 
 @functools.lru_cache(maxsize=4)

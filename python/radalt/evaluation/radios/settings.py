@@ -4,16 +4,12 @@ The order is clock and time source, rate, antenna, gain, frequency with the LO o
 for the lock sensors afterwards and sets the time.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from ...core.radio.interlock import InterlockError, require_enclosure
 from ...core.radio.levels import drive, rx_level_dbm
 from ...core.scene import Scene
 from ..flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE
-
-__all__ = ["Step", "describe", "plan", "radio_blocks"]
 
 
 class Step(NamedTuple):

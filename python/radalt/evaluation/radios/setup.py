@@ -5,8 +5,6 @@ its settings. The snippet ``set_up_radios`` calls it in flowgraphs from the comp
 from the command line.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable
@@ -22,8 +20,6 @@ from ..flowgraph import FlowgraphError
 from ..flowgraph.rewrite import JAMMER_GATE, JAMMER_SINK, RADAR_GATE, RADAR_SINK, RADAR_SOURCE
 from .bring_up import bring_up, start_together
 from .settings import radio_blocks
-
-__all__ = ["FULL_SCALE", "Ready", "programme_over", "set_up", "stop_after_programme"]
 
 FULL_SCALE = 1.0  # full scale of a UHD source's samples, per rail
 _CATCH_UP_S = 1.0  # longest delay of a slow method behind the receiver at the end, s of signal

@@ -1,14 +1,10 @@
 """Break-point SIR and protection gain: one definition for every study."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
-__all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "break_point_of", "mean_gain", "protection_gain"]
 
 BREAK_PD = 0.9  # least Pd at which a method holds, usual for detection requirements
 
@@ -93,8 +89,7 @@ def break_point_of(
     rows: Sequence[Mapping[str, Any]], sir: str = "sir_db", *, level: float = BREAK_PD
 ) -> BreakPoint:
     """`break_point` of the rows of one curve, with their ``pd``, ``pd_low`` and ``pd_high``, over the column ``sir``."""
-    columns = (sir, "pd", "pd_low", "pd_high")
-    return break_point(*([np.nan if r[c] is None else r[c] for r in rows] for c in columns), level=level)
+    return break_point(*([r[c] for r in rows] for c in (sir, "pd", "pd_low", "pd_high")), level=level)
 
 
 def _crossing(sir: np.ndarray, pd: np.ndarray, level: float) -> tuple[float, str]:

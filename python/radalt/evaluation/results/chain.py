@@ -1,7 +1,5 @@
 """Processing chain of studies without a flowgraph: method and altimeter."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from dataclasses import dataclass, field
@@ -14,8 +12,6 @@ import numpy as np
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
 from ...core.waveform import Waveform
-
-__all__ = ["Chain", "method_of", "seconds_per_frame"]
 
 _CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the second-level cache
 
@@ -42,7 +38,7 @@ class Chain:
         *,
         options: tuple[tuple[str, Any], ...] = (),
         settings: AltimeterSettings | None = None,
-    ) -> Chain:
+    ) -> "Chain":
         """A network, with further ``options`` of the method `tcae`."""
         precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
         options = (("model", str(model)), *options)
@@ -59,7 +55,7 @@ class Chain:
         model = dict(self.options).get("model")
         return Path(model) if model else None
 
-    def with_model(self, model: Path) -> Chain:
+    def with_model(self, model: Path) -> "Chain":
         """The chain with its network at another path."""
         options = tuple((k, str(model) if k == "model" else v) for k, v in self.options)
         return dataclasses.replace(self, options=options)
@@ -79,29 +75,22 @@ class Chain:
 
         There are ``n / looks`` of them. The method is built once per process and reset before the first frame.
         """
-        return self.results_and_changes(frames, waveform)[:2]
-
-    def results_and_changes(
-        self, frames: np.ndarray, waveform: Waveform
-    ) -> tuple[np.ndarray, Mitigation, np.ndarray]:
-        """`results`, and (n,) bool: frames that the method has changed."""
         method = method_of(self, waveform)
         method.reset()
         altimeter = shared_altimeter(waveform, self.settings)
         step = self.looks * max(1, _CHUNK // self.looks)
-        parts, changed = [], []
+        parts = []
         for k in range(0, len(frames), step):
             given = frames[k : k + step]
             if self.independent:
                 cleaned = np.concatenate([_reset(method).process(frame[None]) for frame in given])
             else:
                 cleaned = method.process(given)
-            changed.append((cleaned != given).any(axis=1))
             spectra = altimeter.spectra(cleaned)
             if self.looks > 1:
                 spectra = _averaged(spectra, self.looks)
             parts.append(altimeter.detect(spectra))
-        return np.concatenate(parts), method, np.concatenate(changed)
+        return np.concatenate(parts), method
 
 
 def _reset(method: Mitigation) -> Mitigation:

@@ -1,7 +1,5 @@
 """Figures as files: PNG for pages, PDF for print, SVG with tooltips for `report.html`."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from html import escape
@@ -11,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from .folder import writing
-
-__all__ = ["COLUMN_IN", "new_figure", "save_figure", "say"]
 
 COLUMN_IN = 4.2  # width in inches of a figure whose type has its own size in a column of print, and at 400 px (96 dpi)
 

@@ -5,8 +5,6 @@ the rows of each measured point, every line with a digest of the line and the ma
 others) are written from it, so that a resumed run has the measured rows of this run only.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -20,19 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from ...core.parsing import InputError, read_bytes, shown
-
-__all__ = [
-    "SCHEMA",
-    "FolderError",
-    "RunFolder",
-    "flatten",
-    "plain_json",
-    "read_report",
-    "replace_file",
-    "versions",
-    "write_json",
-    "writing",
-]
 
 SCHEMA = 2  # of report.json
 _JOURNAL_VERSION = 3  # part of the digest: lines of another format are rejected

@@ -6,8 +6,6 @@ level, *hazardous* if the error exceeds the alert limit while the protection lev
 upper bound is above zero for zero events as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -17,18 +15,6 @@ import numpy as np
 from ...core.receiver.tracker_settings import Status
 from .proportion import clopper_pearson_bound
 from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
-
-__all__ = [
-    "COUNTS",
-    "Integrity",
-    "alert_limit_m",
-    "error_m",
-    "integrity",
-    "is_hazardous",
-    "stanford",
-    "time_to_alert_s",
-    "time_to_first_s",
-]
 
 _LEAST_ALERT_M = 10.0  # least alert limit, m: half a range cell of the default sweep
 
@@ -71,7 +57,7 @@ class Integrity:
     followed: int = 0  # computed outputs that have a next output
     unbounded: int = 0  # computed outputs whose protection level exceeds the alert limit: not available
 
-    def __add__(self, other: Integrity) -> Integrity:
+    def __add__(self, other: "Integrity") -> "Integrity":
         return Integrity(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def rate(self, name: str) -> float:
@@ -83,7 +69,7 @@ class Integrity:
         return clopper_pearson_bound(getattr(self, name), self.outputs)
 
     @classmethod
-    def of_row(cls, row: Mapping[str, Any]) -> Integrity:
+    def of_row(cls, row: Mapping[str, Any]) -> "Integrity":
         """Counts of a report's row."""
         return cls(*(row[name] for name in COUNTS))
 

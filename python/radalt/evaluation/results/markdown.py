@@ -1,14 +1,10 @@
 """HTML from the Markdown of the report templates: headings, paragraphs, lists, tables, figures."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from html import escape
 
 from .table import DASH
-
-__all__ = ["to_html"]
 
 _KINDS = {
     "heading": re.compile(r"#{1,6} "),

@@ -1,7 +1,5 @@
 """Pages from templates: the text of a report is a ``.md.j2`` or ``.html.j2`` file beside the study's code."""
 
-from __future__ import annotations
-
 import base64
 import time
 from collections.abc import Mapping
@@ -11,8 +9,6 @@ from typing import Any
 from . import table as tables
 from .folder import RunFolder
 from .markdown import to_html
-
-__all__ = ["render", "write_page", "write_pages", "write_result"]
 
 _FRAME = Path(__file__).parent  # folder of page.html.j2, the frame of every HTML page
 

@@ -1,11 +1,7 @@
 """95 % intervals of a binomial proportion."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
-
-__all__ = ["clopper_pearson", "clopper_pearson_bound", "mcnemar", "wilson_interval"]
 
 _CONFIDENCE = 0.95
 

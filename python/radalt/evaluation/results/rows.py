@@ -1,15 +1,11 @@
 """Rows of a table: columns, and conversion of values to and from text."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-__all__ = ["Columns"]
 
 
 @dataclass(frozen=True)
@@ -53,6 +49,6 @@ class Columns:
             return ""
         return str(value) if name in self.text or name in self.whole else f"{float(value):.9g}"
 
-    def subset(self, names: Sequence[str]) -> Columns:
+    def subset(self, names: Sequence[str]) -> "Columns":
         """The named columns, in the given order."""
         return Columns(tuple(names), self.text, self.whole, self.timing)

@@ -1,8 +1,6 @@
 """Rows as a printable table with conversion to NumPy and pandas."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, overload
 
@@ -12,8 +10,6 @@ from .table import DASH, table
 
 if TYPE_CHECKING:
     import pandas
-
-__all__ = ["Table"]
 
 
 class Table(Sequence[Mapping[str, Any]]):
@@ -41,12 +37,9 @@ class Table(Sequence[Mapping[str, Any]]):
     @overload
     def __getitem__(self, index: int) -> Mapping[str, Any]: ...
     @overload
-    def __getitem__(self, index: slice) -> Table: ...
-    def __getitem__(self, index: int | slice) -> Mapping[str, Any] | Table:
+    def __getitem__(self, index: slice) -> "Table": ...
+    def __getitem__(self, index: int | slice) -> "Mapping[str, Any] | Table":
         return self._rows[index] if isinstance(index, int) else Table(self._rows[index], self._shown)
-
-    def __iter__(self) -> Iterator[Mapping[str, Any]]:
-        return iter(self._rows)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -74,7 +67,7 @@ class Table(Sequence[Mapping[str, Any]]):
             out[name] = values
         return out
 
-    def to_pandas(self) -> pandas.DataFrame:
+    def to_pandas(self) -> "pandas.DataFrame":
         """The table as a pandas ``DataFrame``; raises ImportError without pandas."""
         import pandas
 
@@ -92,4 +85,4 @@ def _column(values: Sequence[Any]) -> np.ndarray:
         return np.array(["" if value is None else str(value) for value in values])
     if values and all(isinstance(value, int) for value in values):
         return np.array(values, dtype=np.int64)
-    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+    return np.array(values, dtype=np.float64)  # None is NaN

@@ -9,8 +9,6 @@ empty frame (silent, not finite, diverged) has none, and ``forced`` is the numbe
 over forced decisions. It is 0 dB for an error of 20 m or more, where the peak is not the return.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -19,18 +17,6 @@ import numpy as np
 
 from ...core.programme import Programme
 from .proportion import clopper_pearson_bound, wilson_interval
-
-__all__ = [
-    "CORRECT_LIMIT_M",
-    "FAR_LIMIT_M",
-    "SCORE_COLUMNS",
-    "Score",
-    "accuracy_limit_m",
-    "pool",
-    "score",
-    "score_frames",
-    "trials_of",
-]
 
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
 FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
@@ -61,7 +47,7 @@ class Score:
     squared_forced_m2: float = 0.0  # sum over forced decisions of the squared error
     peak_to_sidelobe_sum_db: float = 0.0  # sum over forced decisions of the peak-to-sidelobe ratio
 
-    def __add__(self, other: Score) -> Score:
+    def __add__(self, other: "Score") -> "Score":
         return Score(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     @property

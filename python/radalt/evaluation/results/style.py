@@ -4,14 +4,10 @@ Colours are Okabe and Ito's, distinguishable with any colour vision; marker, fil
 methods in grey as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
 from ...core.mitigation import CUSTOM, METHODS, PlotStyle, method_class
-
-__all__ = ["series_style"]
 
 # for methods without a registered style
 _RESERVE = (

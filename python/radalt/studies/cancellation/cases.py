@@ -1,7 +1,5 @@
 """Cases of the cancellation study: signals of base stations and QPSK transmitters, their channels and radios."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -21,8 +19,6 @@ from ...core.interference.placement import Emitter, Interferer, interference_fra
 from ...core.interference.stream import JammerStream
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
-
-__all__ = ["CASES", "NR10", "SNR_DB", "SPEED_M_PER_S", "WAVEFORM", "Case", "Noisy", "received"]
 
 WAVEFORM = Waveform()
 SNR_DB = 10.0  # as in the other studies of single frames

@@ -6,17 +6,13 @@
 .venv/bin/python flowgraphs/cancellation.py --flights-only --methods whitening,tcae --flights 100 --flight-s 2
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...evaluation.engine.options import Parser, names_of, number
 from ...evaluation.engine.shell import StudyCommand, add_frames, add_methods, add_seed
-
-if TYPE_CHECKING:
-    from ...evaluation.engine.study import Study
+from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "cancellation", "cancellation"
 METHODS = "none,ofdm_cancel,qpsk_cancel"

@@ -1,7 +1,5 @@
 """Study: tracked flights below base stations, behind any methods."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,8 +20,6 @@ from ...evaluation.results.rows import Columns
 from ...evaluation.results.style import series_style
 from ...evaluation.results.table import number, table
 from .tracked import CONFIRMING, FLIGHTS, FRAMES, NR_MS, TRACKED_COLUMNS, fly
-
-__all__ = ["FlightPoint", "FlightsStudy", "tracked_table"]
 
 _RECEIVED_S = 0.002  # CPU seconds to make a frame, with its altimeters and trackers
 

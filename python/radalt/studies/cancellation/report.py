@@ -1,11 +1,9 @@
 """Page of the cancellation study: break-points, wrong altitudes and costs by case, and one figure."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +16,7 @@ from ...evaluation.results.page import write_result
 from ...evaluation.results.score import pool
 from ...evaluation.results.table import number, table
 from .cases import CASES
-
-if TYPE_CHECKING:
-    from .study import CancellationStudy
-
-__all__ = ["write_report"]
+from .study import CancellationStudy
 
 Row = Mapping[str, Any]
 _DRAWN = ("ideal", "evm_3", "evm_5", "evm_8", "qpsk_users")

@@ -1,7 +1,5 @@
 """Pd, error, wrong altitudes and cost of the cancellers over SIR, case by case."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Mapping, Sequence
@@ -19,8 +17,6 @@ from ...evaluation.results.chain import Chain, method_of, seconds_per_frame
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import SCORE_COLUMNS, score_frames
 from .cases import CASES, WAVEFORM, Case, received
-
-__all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
 
 CANCELLERS = ("ofdm_cancel", "qpsk_cancel")  # each runs on the cases of its own emitter only
 METHODS = ("none", *CANCELLERS)

@@ -1,7 +1,5 @@
 """Flights below base stations that transmit continuously: altitudes per frame and tracked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,8 +22,6 @@ from ...evaluation.results.integrity import COUNTS, Integrity, alert_limit_m, in
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
 from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
-
-__all__ = ["ALLOWED_M_PER_S", "CONFIRMING", "FLIGHTS", "FRAMES", "NR_MS", "TRACKED_COLUMNS", "Flight", "fly"]
 
 _BLOCK = 40  # frames of an output
 FRAMES = 25 * _BLOCK  # frames per second

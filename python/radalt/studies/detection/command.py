@@ -5,17 +5,13 @@
 .venv/bin/python flowgraphs/detection.py --publish docs  # then docs/detection.md and its rows
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...evaluation.engine.options import Parser, number
 from ...evaluation.engine.shell import StudyCommand, add_frames, add_methods, add_seed
-
-if TYPE_CHECKING:
-    from ...evaluation.engine.study import Study
+from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "detection", "detection"
 # without lms: filtered towards the reference, every altitude becomes zero

@@ -1,15 +1,11 @@
 """Figure of the study of single frames: altitudes declared beside the textbook's, and false altitudes in noise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from ...core.interference.evm import EMITTERS
 from ...evaluation.results.figure import new_figure, save_figure
-
-__all__ = ["case_name", "draw"]
 
 _OURS, _TEXTBOOK, _WRONG = "#0072B2", "#E69F00", "#D55E00"  # Okabe and Ito
 _EMITTERS = f"{EMITTERS}, but for paper_qpsk, which is ideal"

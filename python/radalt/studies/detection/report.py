@@ -1,10 +1,8 @@
 """Page of the study of single frames."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
@@ -12,11 +10,7 @@ from ...evaluation.results.page import write_result
 from ...evaluation.results.proportion import mcnemar
 from ...evaluation.results.table import number, table
 from .figure import case_name, draw
-
-if TYPE_CHECKING:
-    from .study import DetectionStudy
-
-__all__ = ["null_table", "return_table", "write_report"]
+from .study import DetectionStudy
 
 
 def write_report(

@@ -3,8 +3,6 @@
 Rows are a function of the case, the number of frames and the seed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,17 +24,6 @@ from ...evaluation.results.proportion import clopper_pearson
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import CORRECT_LIMIT_M
 from .textbook import textbook_altitudes
-
-__all__ = [
-    "CASES",
-    "SPEEDS_M_PER_S",
-    "Case",
-    "DetectionStudy",
-    "NullCase",
-    "measure",
-    "measure_null",
-    "null_cases",
-]
 
 WAVEFORM = Waveform()
 # vertical speeds that the altimeter allows: none, the default, any aircraft's

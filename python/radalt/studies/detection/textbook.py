@@ -5,11 +5,7 @@ parabolic interpolation. A forced decision is the largest sum; a cell-averaging 
 mean of the band.
 """
 
-from __future__ import annotations
-
 import numpy as np
-
-__all__ = ["textbook_altitudes"]
 
 _C_M_PER_S = 299_792_458.0
 _HYPOTHESIS_HZ = 500.0  # Doppler step between speed hypotheses: 17 m/s, a quarter of a resolution cell

@@ -1,7 +1,5 @@
 """SigMF recordings of what was received before a hazardous output."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,8 +15,6 @@ from .cases import WAVEFORM, Case, case_of
 from .flights import fly
 from .received import received
 from .study import IntegrityStudy
-
-__all__ = ["write_capture"]
 
 _BEFORE = 400  # frames kept up to the event: ten outputs
 _PREAMBLE = 8  # frames at altitude zero, on which a replay takes its timing

@@ -1,7 +1,5 @@
 """Cases of the integrity campaign: every kind, and the list of all cases with the limits that they meet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,8 +7,6 @@ from functools import lru_cache
 import numpy as np
 
 from ...core.waveform import Waveform
-
-__all__ = ["BLOCK", "DRIFT", "KINDS", "SCENES", "SPAN_M", "WAVEFORM", "Case", "case_of", "cases"]
 
 WAVEFORM = Waveform()
 BLOCK = 40  # frames of an output: flights last a whole number of outputs

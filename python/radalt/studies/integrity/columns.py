@@ -1,13 +1,9 @@
 """Tables of the integrity campaign, and the cells of its Stanford diagram."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...evaluation.results.integrity import COUNTS, Integrity
 from ...evaluation.results.rows import Columns
-
-__all__ = ["BY_KIND", "EDGES", "EVENTS", "FRAMES", "POOLED", "ROWS"]
 
 EDGES = np.r_[0.0, np.logspace(-3.0, 2.0, 41)]  # bin edges of the Stanford diagram, in alert limits
 _STATED = ("case", "kind", "batch", "method", "scene", "overlap", "sir_db", "snr_db")

@@ -7,8 +7,6 @@
 Exits with 1 if an output was hazardous inside the claim: in no case at a limit that docs/tracker.md states.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import re
@@ -53,7 +51,7 @@ def _arguments(parser: Parser) -> None:
     )
 
 
-def _study(args: argparse.Namespace, parser: Parser) -> IntegrityStudy | int:
+def _study(args: argparse.Namespace, parser: Parser) -> "IntegrityStudy | int":
     if args.frames % 40:
         parser.error(f"--frames is {args.frames}; it has to be a multiple of 40, the frames of one output")
     from .cases import KINDS, cases
@@ -65,7 +63,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> IntegrityStudy | int:
     return _replay(study, args.replay, parser) if args.replay else study
 
 
-def _after(folder: Path, args: argparse.Namespace, study: IntegrityStudy) -> int:
+def _after(folder: Path, args: argparse.Namespace, study: "IntegrityStudy") -> int:
     from ...evaluation.results.folder import read_report
 
     report = read_report(folder)
@@ -77,7 +75,7 @@ def _after(folder: Path, args: argparse.Namespace, study: IntegrityStudy) -> int
     return 1 if said["hazardous"] else 0
 
 
-def _replay(study: IntegrityStudy, text: str, parser: Parser) -> int:
+def _replay(study: "IntegrityStudy", text: str, parser: Parser) -> int:
     from .cases import case_of
     from .study import replay_lines
 
@@ -91,7 +89,7 @@ def _replay(study: IntegrityStudy, text: str, parser: Parser) -> int:
     return 0
 
 
-def _keep(study: IntegrityStudy, events: Sequence[dict[str, Any]], folder: Path) -> None:
+def _keep(study: "IntegrityStudy", events: Sequence[dict[str, Any]], folder: Path) -> None:
     """A recording of every flight, up to its first hazardous output of any method."""
     from .captures import write_capture
 

@@ -1,7 +1,5 @@
 """Interferers of the integrity campaign, which continue from frame to frame."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,8 +17,6 @@ from ...core.interference.multipath import FadingChannel
 from ...core.interference.stream import Continued
 from ...core.scene import load_scene
 from .cases import BLOCK, WAVEFORM, Case
-
-__all__ = ["interferers_of"]
 
 _ANEW = "fmcw"  # an emitter that is heard now and then: each frame's window is drawn to contain a passage
 _PERIODIC = "pulsed_radar"  # an emitter of 4 kHz, whose frames are all the same

@@ -1,7 +1,5 @@
 """Figures of the integrity campaign; matplotlib is imported when one is drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +11,6 @@ from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.score import Score
 from ...evaluation.results.style import series_style
 from .columns import EDGES, FRAMES
-
-__all__ = ["draw_sir", "draw_stanford"]
 
 Row = Mapping[str, Any]
 

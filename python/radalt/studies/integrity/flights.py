@@ -1,7 +1,5 @@
 """Flights of the integrity campaign: the true altitude of every frame, a function of (case, seed, batch)."""
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import dataclass
 
@@ -9,8 +7,6 @@ import numpy as np
 
 from ...core.returns.landing import LandingSpec
 from .cases import BLOCK, SPAN_M, WAVEFORM, Case
-
-__all__ = ["FASTEST_M_PER_S", "Flight", "fly", "rng_of"]
 
 FASTEST_M_PER_S = 10.0  # largest vertical speed of a flight, up and down
 _LOWEST_M, _HIGHEST_M = 5.0, 1400.0  # altitudes at which flights start

@@ -1,7 +1,5 @@
 """Aligned frames of a flight: returns, interference and noise, with the receiver's faults."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 
@@ -13,8 +11,6 @@ from ...core.waveform import altitude_to_delay_s, exp_cycles
 from .cases import BLOCK, DRIFT, SPAN_M, WAVEFORM, Case
 from .emitters import interferers_of
 from .flights import FASTEST_M_PER_S, Flight
-
-__all__ = ["frames_of", "white_noise"]
 
 Source = Callable[[np.ndarray], np.ndarray]  # frames by their index
 

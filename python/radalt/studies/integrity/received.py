@@ -1,7 +1,5 @@
 """Frames of a flight as methods get them: aligned already, or from the segmenter, with leakage and clocks apart."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator
@@ -14,8 +12,6 @@ from ...core.returns.point import point_return
 from .cases import BLOCK, DRIFT, WAVEFORM, Case
 from .flights import Flight, rng_of
 from .frames import frames_of, white_noise
-
-__all__ = ["received"]
 
 _SEGMENTED = ("slip", "clock", "leakage", "gear")  # kinds received as a stream
 _PREAMBLE = 8  # frames at altitude zero, on which the segmenter takes its timing

@@ -1,10 +1,8 @@
 """Page of the integrity campaign: pooled cases, every hazardous output, two figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,19 +14,11 @@ from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
 from .cases import BLOCK, KINDS, WAVEFORM, case_of
 from .columns import BY_KIND, EVENTS, FRAMES, POOLED
-
-if TYPE_CHECKING:
-    from .study import IntegrityStudy
-
-__all__ = ["events_of", "pooled", "summarise", "write_report"]
+from .study import IntegrityStudy
 
 Row = Mapping[str, Any]
 _START = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track
 _LISTED = 200  # most flights with hazardous outputs in the page; events.csv has all
-
-
-def _frame_score(rows: Sequence[Row]) -> Score:
-    return Score(**{name: sum(r[name] for r in rows) for name in FRAMES})
 
 
 def _after_start(total: Integrity, flights: int) -> float:
@@ -40,7 +30,7 @@ def _after_start(total: Integrity, flights: int) -> float:
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     """Rows as one: sums of counts, their rates and bounds, median time to the first output, longest time to alert."""
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
-    frames = _frame_score(rows)
+    frames = Score(**{name: sum(r[name] for r in rows) for name in FRAMES})
     first = [r["first_s"] for r in rows if r["first_s"] is not None]
     alert = [r["alert_s"] for r in rows if r["alert_s"] is not None]
     ground = all(case_of(r["case"]).ground for r in rows)
@@ -96,11 +86,7 @@ def write_report(
     draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
     draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
-    report = {
-        "headline": _headline(rows, by_case, default),
-        "hazardous": len(events),
-        "events": events,
-    }
+    report = {"headline": _headline(rows, by_case, default), "hazardous": len(events), "events": events}
     values = {
         "flight_s": study.frames * WAVEFORM.sweep_s,
         "kind_table": _kind_table([r for r in by_kind if not r["known_limit"]]),

@@ -1,7 +1,5 @@
 """Study: altitudes of all methods, tracked and per frame, over the campaign's cases; all share a flight's frames."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,8 +28,6 @@ from .cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
 from .columns import EDGES, FRAMES, ROWS
 from .flights import Flight, fly
 from .received import received
-
-__all__ = ["IntegrityPoint", "IntegrityStudy", "Judged", "judge", "replay_lines"]
 
 # a track may start at any altitude: flights without a leakage calibration have no leakage
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)

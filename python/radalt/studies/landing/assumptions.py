@@ -1,7 +1,5 @@
 """Assumptions on which a landing result depends, a row of the sensitivity table each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -13,8 +11,6 @@ from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.evm import TYPICAL
 from ...core.interference.receiver_filter import window_taps
 from .config import LandingConfig
-
-__all__ = ["ASSUMPTIONS", "Assumption"]
 
 
 @dataclass(frozen=True)
@@ -89,13 +85,6 @@ def _emitter(name: str, text: str, emitter: object) -> Assumption:
     return Assumption(name, "interference", text, change)
 
 
-def _beam(width_deg: float) -> Assumption:
-    def change(study: LandingConfig) -> LandingConfig:
-        return replace(study, antenna=replace(study.antenna, pattern=None, beamwidth_deg=width_deg))
-
-    return Assumption(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
-
-
 # gain of dechirping a half sweep (B T_h = 3750) against interference that is white over the band
 COMPRESSION_DB = 35.7
 
@@ -109,7 +98,12 @@ ASSUMPTIONS: tuple[Assumption, ...] = (
     _ground("morchin", "wooded_hills", "Morchin, wooded hills"),
     _level(-10.0),
     _level(+10.0),
-    _beam(60.0),
+    Assumption(
+        "beam_60",
+        "ground",
+        "beam 60 degrees",
+        lambda s: replace(s, antenna=replace(s.antenna, pattern=None, beamwidth_deg=60.0)),
+    ),
     _detection("strongest"),
     _detection("centroid"),
     Assumption("looks_8", "detection", "8 sweeps averaged", lambda s: replace(s, looks=8)),

@@ -8,8 +8,6 @@ Writes tables, report.json, report.md, PNG figures and the study as used into on
 stopped run is completed. Needs neither GNU Radio nor hardware.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from collections.abc import Sequence
@@ -54,13 +52,13 @@ def _arguments(parser: Parser) -> None:
     add("--seed", type=number(int, 0, MAX_SEED), help=what)
 
 
-def _study(args: argparse.Namespace, parser: Parser) -> LandingStudy:
+def _study(args: argparse.Namespace, parser: Parser) -> "LandingStudy":
     from .study import LandingStudy
 
     return LandingStudy(_config(args))
 
 
-def _config(args: argparse.Namespace) -> LandingConfig:
+def _config(args: argparse.Namespace) -> "LandingConfig":
     """The study file with the command line's changes; its file names are relative to where one is."""
     from . import config as landing
 

@@ -1,7 +1,5 @@
 """Settings of the landing study, from one YAML file (`load_config`); rows depend on nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,13 +13,7 @@ from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.receiver.altimeter_settings import pfa_is_per_frame
-from ...core.returns.landing import (
-    AntennaSpec,
-    GroundSpec,
-    LandingSpec,
-    TerrainSpec,
-    TrajectorySpec,
-)
+from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (
     MIN_HEIGHT_M,
@@ -35,17 +27,6 @@ from ...core.scene import interference_from_yaml, interferer_to_mapping
 from ...core.scene.reading import without_pfa
 from ...core.text import one_line
 from ...core.waveform import Waveform
-
-__all__ = [
-    "ApproachSpec",
-    "CurveSpec",
-    "LandingConfig",
-    "StudyError",
-    "check_config",
-    "config_dict",
-    "load_config",
-    "parse_config",
-]
 
 
 class StudyError(InputError):

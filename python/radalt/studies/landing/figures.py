@@ -1,7 +1,5 @@
 """Figures of the landing study; matplotlib is imported when one is drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -16,8 +14,6 @@ from ...evaluation.results.score import CORRECT_LIMIT_M, accuracy_limit_m
 from ...evaluation.results.style import series_style
 from .config import LandingConfig
 from .points import approach_frames, impaired, rng_of
-
-__all__ = ["condition", "curve_of", "draw_figures"]
 
 Row = dict[str, Any]
 IMAGE_FRAMES = 300  # columns of the range-time image, about one per pixel
@@ -72,7 +68,7 @@ def _approach(config: LandingConfig, rows: Sequence[Row], whole: Sequence[Row], 
 def _error_over_height(rows: Sequence[Row], axis: Any) -> None:
     mine = sorted(rows, key=lambda r: r["height_m"])
     height = np.array([r["height_m"] for r in mine])
-    measured = np.array([np.nan if r["altitude_m"] is None else r["altitude_m"] for r in mine])
+    measured = np.array([r["altitude_m"] for r in mine], dtype=float)  # None is NaN
     limit = accuracy_limit_m(height)
     axis.fill_between(height, -limit, limit, color="#56B4E9", alpha=0.3, label="DO-155")
     for sign in (-1, 1):
@@ -144,10 +140,7 @@ def _error_against_sinr(config: LandingConfig, rows: Sequence[Row], folder: Path
         for method in config.methods:
             mine = curve_of(rows, overlap, method)
             x = [r["asked_sinr_db"] for r in mine]
-            y, bottom, top = (
-                np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float)
-                for c in (value, low, high)
-            )
+            y, bottom, top = (np.array([r[c] for r in mine], dtype=float) for c in (value, low, high))
             style = series_style(method, config.methods)
             axis.plot(x, y, ms=4, **style)
             axis.fill_between(x, bottom, top, color=style["color"], alpha=0.1, lw=0)

@@ -1,7 +1,5 @@
 """Rows of the landing study: those of a point, a function of (config, point)."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import time
@@ -20,24 +18,6 @@ from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, score_frames
 from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
-
-__all__ = [
-    "MEASURED",
-    "TABLES",
-    "LandingPoint",
-    "Truth",
-    "accuracy",
-    "altitudes",
-    "approach_frames",
-    "assumed_methods",
-    "impaired",
-    "point_rows",
-    "rng_of",
-    "seconds",
-    "statistics",
-    "study_points",
-    "trial_frames",
-]
 
 RESAMPLES = 400  # of the bootstrap
 MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s", "peak_to_sidelobe_db")
@@ -297,11 +277,7 @@ _TRUE = ("snr_db", "time_s", "height_m", "nearest_m", "climb_m_per_s")
 
 
 def _summary_rows(
-    config: LandingConfig,
-    truth: Truth,
-    seed: Sequence[int],
-    methods: Sequence[str],
-    **level: float,
+    config: LandingConfig, truth: Truth, seed: Sequence[int], methods: Sequence[str], **level: float
 ) -> list[dict[str, Any]]:
     frames, sir, sinr = impaired(config, truth, np.random.default_rng(seed), **level)
     levels = {"sir_db": np.median(sir), "snr_db": np.median(truth.snr_db), "sinr_db": np.median(sinr)}

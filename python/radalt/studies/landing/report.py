@@ -1,10 +1,8 @@
 """Report of the landing study: tables, the comparison with the paper, report.json and report.md."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -21,11 +19,7 @@ from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 from .figures import condition, curve_of, draw_figures
 from .points import MEASURED, accuracy
-
-if TYPE_CHECKING:
-    from .study import LandingStudy
-
-__all__ = ["approach_table", "break_points", "comparison", "sensitivity", "write_report"]
+from .study import LandingStudy
 
 Row = dict[str, Any]
 
@@ -55,7 +49,7 @@ def _band(rows: Sequence[Row]) -> Row:
     """Rows of single frames as one, by the score of the other tables."""
 
     def column(name: str) -> np.ndarray:
-        return np.array([np.nan if r[name] is None else r[name] for r in rows], dtype=float)
+        return np.array([r[name] for r in rows], dtype=float)  # None is NaN
 
     results = np.zeros(len(rows), RESULT_DTYPE)
     for name in ("valid", *MEASURED):

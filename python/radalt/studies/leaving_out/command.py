@@ -6,18 +6,14 @@
 Exits with 1 if leaving out changed a result.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...evaluation.engine.options import Parser, number
 from ...evaluation.engine.shell import StudyCommand, add_frames
-
-if TYPE_CHECKING:
-    from ...evaluation.engine.study import Study
+from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "leaving_out", "leaving-out"
 

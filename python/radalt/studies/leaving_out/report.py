@@ -1,10 +1,8 @@
 """Report of what leaving out saves: medians of the runs, and the parts that each plan leaves out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +13,7 @@ from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.table import number, table
 from .scenes import scene_of
-
-if TYPE_CHECKING:
-    from .study import LeavingOutStudy
-
-__all__ = ["draw", "summarise", "write_report"]
+from .study import LeavingOutStudy
 
 
 def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any]]:

@@ -1,12 +1,8 @@
 """Scenes of the study of leaving out."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ...core.scene import Scene, parse_scene
-
-__all__ = ["CHECKED", "SCENES", "scene_of"]
 
 _ALTITUDES = [1200.0, 600.0, 150.0, 30.0]
 _QPSK = {"qpsk": {"sir_db": -20.0, "overlap": 0.5, "evm": "typical"}}

@@ -1,7 +1,5 @@
 """What leaving out saves: scenes as the planner prunes them, against the same scenes with everything built."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 import tempfile
@@ -14,24 +12,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...core.mitigation import METHODS
-from ...core.paths import share_dir
 from ...evaluation.engine.apart import call_apart
 from ...evaluation.engine.study import Point, Study
 from ...evaluation.engine.task import peak_memory_bytes
-from ...evaluation.flowgraph.generate import Prepared, generate, prepare
-from ...evaluation.flowgraph.rewrite import load_grc, prune, simulate
+from ...evaluation.flowgraph.generate import Prepared, generate, prepare, shipped
+from ...evaluation.flowgraph.rewrite import prune, simulate
 from ...evaluation.flowgraph.run import run_point
 from ...evaluation.results.chain import seconds_per_frame
 from ...evaluation.results.rows import Columns
 from .scenes import SCENES, scene_of
 
-__all__ = ["LeavingOutStudy", "run_apart", "run_once"]
-
 
 def prepare_unpruned(build_dir: Path) -> Prepared:
     """Flowgraph with every chain of the `.grc` file, the jammer's included."""
-    data = simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), "ota_sim_full")
-    return Prepared(generate(prune(data, tuple(METHODS), True), build_dir), tuple(METHODS))
+    data = prune(simulate(shipped(), "ota_sim_full"), tuple(METHODS), True)
+    return Prepared(generate(data, build_dir), tuple(METHODS))
 
 
 def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
@@ -60,11 +55,6 @@ def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
         "declared": int(sum(result.results[m]["valid"].sum() for m in scene.methods)),
         "modules": ", ".join(m for m in asked if m in sys.modules),
     }
-
-
-def run_apart(name: str, frames: int, built: str) -> dict[str, Any]:
-    """`run_once` in a process of its own, so that memory and imports are this run's alone."""
-    return call_apart(__name__, "run_once", name, frames, built)
 
 
 _TIMING = ("cpu_s", "wall_s", "memory_bytes")
@@ -116,10 +106,12 @@ class LeavingOutStudy(Study):
         return scene_of(name, self.frames).altitude.programme.total_frames
 
     def measure(self, point: Point) -> list[dict[str, Any]]:
-        """A row per run."""
+        """A row per run, each in a process of its own, so that memory and imports are that run's alone."""
         where = {"scene": point.name, "frames": self._total_frames(point.name)}
         return [
-            where | {"built": built, "turn": turn} | run_apart(point.name, self.frames, built)
+            where
+            | {"built": built, "turn": turn}
+            | call_apart(__name__, "run_once", point.name, self.frames, built)
             for turn in range(1, self.repeats + 1)
             for built in ("pruned", "all")
         ]

@@ -1,7 +1,5 @@
 """Cost of each stage of the live path as a function in a loop, without GNU Radio."""
 
-from __future__ import annotations
-
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -15,8 +13,6 @@ from ...core.mitigation.tcae import default_model_path
 from ...core.scene import Scene
 from ...evaluation.flowgraph.generate import Prepared
 from ...evaluation.flowgraph.run import make_top
-
-__all__ = ["alone_seconds"]
 
 _AT_ONCE = 64  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
 

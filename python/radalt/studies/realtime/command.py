@@ -13,8 +13,6 @@ block stand that of its function alone in a loop, and its calls per frame; furth
 functions (kernels: FFTs, random bits, elementary functions, products).
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Sequence

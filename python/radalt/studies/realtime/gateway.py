@@ -1,7 +1,5 @@
 """Cost of GNU Radio and its Python gateway with blocks that only copy."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
@@ -9,8 +7,6 @@ from gnuradio import blocks, gr
 
 from ...blocks._frames import frame_ring
 from ...blocks._guard import WORK_DONE, guarded
-
-__all__ = ["gateway_seconds"]
 
 
 class _Copy(gr.sync_block):

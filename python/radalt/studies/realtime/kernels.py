@@ -1,7 +1,5 @@
 """Cost of the arithmetic inside each stage: a lower bound for any way of calling NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft, ndimage
 from scipy.linalg import blas
@@ -10,8 +8,6 @@ from ...core.channel.delay_line import DelayLine
 from ...core.receiver.altimeter import shared_altimeter
 from ...core.scene import Scene
 from .study import median_seconds
-
-__all__ = ["kernel_seconds"]
 
 _AT_ONCE = 8  # frames per call of methods and altimeters, the largest batch of the flowgraph
 _SYMBOLS = 0.267  # QPSK symbols per sample: the paper's bandwidth over the sample rate

@@ -1,7 +1,5 @@
 """How long other programs held up the cores during a run of the live path."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -9,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...core.cores import allowed_cores
-
-__all__ = ["Outside", "OutsideWatch"]
 
 # lateness of a wake-up above which it is added up, ms: about the path's latency (docs/real-time.md)
 _LONG_MS = 20.0

@@ -1,7 +1,5 @@
 """Report of the real-time benchmark: rates, cost by block, latency."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,8 +13,6 @@ from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.table import number, table
 from .study import Measurement
-
-__all__ = ["Benchmark", "draw", "tables_of", "write_report"]
 
 _COLOURS = ("#0072B2", "#E69F00")  # Okabe and Ito
 
@@ -63,7 +59,8 @@ class Benchmark:
 
 def tables_of(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
     """Tables of the page and the terminal from the `Benchmark.numbers` of each run, by title of the run."""
-    return {"rate_table": _rates(runs), "block_table": _blocks(runs), "latency_table": _latency(runs)}
+    rates = table(["", *runs], [[name, *map(shown, runs.values())] for name, shown in _SHOWN.items()])
+    return {"rate_table": rates, "block_table": _blocks(runs), "latency_table": _latency(runs)}
 
 
 def write_report(folder: RunFolder, found: Mapping[str, Benchmark], sweep_s: float, run: Run) -> Path:
@@ -118,10 +115,6 @@ _SHOWN: dict[str, Callable[[Mapping[str, Any]], Any]] = {
     "samples waited / s": lambda r: number(r["source_held_up_s"]),
     "longest wait / ms": lambda r: number(1e3 * r["source_longest_hold_up_s"], 0),
 }
-
-
-def _rates(runs: Mapping[str, Mapping[str, Any]]) -> str:
-    return table(["", *runs], [[name, *map(shown, runs.values())] for name, shown in _SHOWN.items()])
 
 
 def _blocks(runs: Mapping[str, Mapping[str, Any]]) -> str:

@@ -1,7 +1,5 @@
 """Speed of the live path: real-time factor, CPU by block, latency from frame end to altitude, drops, memory."""
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import os
@@ -16,23 +14,12 @@ import numpy as np
 from scipy import fft
 
 from ...core.mitigation import OwnProcess
-from ...core.paths import share_dir
 from ...core.scene import Scene
-from ...evaluation.flowgraph.generate import Prepared, generate
-from ...evaluation.flowgraph.rewrite import load_grc, prune, simulate, tracked
+from ...evaluation.flowgraph.generate import Prepared, generate, shipped
+from ...evaluation.flowgraph.rewrite import prune, simulate, tracked
 from ...evaluation.flowgraph.run import make_top
 from ...evaluation.flowgraph.watch import blocks_of, run_to_end
 from .outside import Outside, OutsideWatch
-
-__all__ = [
-    "Measurement",
-    "at_rate",
-    "fft_seconds",
-    "fly_benchmark",
-    "long_scene",
-    "median_seconds",
-    "prepare_benchmark",
-]
 
 _POLL_S = 0.1  # between two readings of thread times and memory, s
 _ARRIVALS = 200_000  # newest arrivals at the segmenter that are kept for the latency: 200 s of frames
@@ -126,11 +113,7 @@ def prepare_benchmark(
 ) -> Prepared:
     """Generate the simulated flowgraph, held to real time or as fast as it goes; with ``track`` it tracks altitudes."""
     name = f"ota_realtime_{'paced' if realtime else 'free'}"
-    data = prune(
-        simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), name, realtime=realtime),
-        methods,
-        scene.has_jammer,
-    )
+    data = prune(simulate(shipped(), name, realtime=realtime), methods, scene.has_jammer)
     if track:
         data = tracked(data, name)
     for block in data["blocks"]:
@@ -162,13 +145,7 @@ def long_scene(scene: Scene, seconds: float) -> Scene:
     return dataclasses.replace(scene, altitude=altitude)
 
 
-def fly_benchmark(
-    prepared: Prepared,
-    scene: Scene,
-    *,
-    realtime: bool,
-    time_limit_s: float,
-) -> Measurement:
+def fly_benchmark(prepared: Prepared, scene: Scene, *, realtime: bool, time_limit_s: float) -> Measurement:
     """Run once, watching threads and memory from outside the signal path.
 
     Parameters

@@ -1,7 +1,5 @@
 """Interferers and frames of the error-against-run-time study."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -12,8 +10,6 @@ from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.interference.evm import TYPICAL
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
-
-__all__ = ["CLEAN", "INTERFERERS", "SNR_DB", "TRANSFORM", "WAVEFORM", "frames_of"]
 
 WAVEFORM = Waveform()
 SNR_DB = 10.0  # as in the other studies of single frames

@@ -13,17 +13,13 @@ them with --models to have them in the comparison:
     .venv/bin/python flowgraphs/error_vs_runtime.py --models models/*.onnx variants/tcae_int8.onnx
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...evaluation.engine.options import Parser, number, path
 from ...evaluation.engine.shell import StudyCommand, add_frames, add_seed
-
-if TYPE_CHECKING:
-    from ...evaluation.engine.study import Study
+from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "error_vs_runtime", "error-vs-runtime"
 

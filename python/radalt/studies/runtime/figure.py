@@ -1,15 +1,11 @@
 """Figure of the error-against-run-time report: Pd against CPU time, with the names of the chains to choose from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ...core.interference.evm import EMITTERS
 from ...evaluation.results.figure import new_figure, save_figure, say
-
-__all__ = ["draw", "pareto"]
 
 REAL_TIME_MS = 1.0  # duration of a frame
 _FRONT, _REST = "#0072B2", "#777777"  # chains on the Pareto front, and all others

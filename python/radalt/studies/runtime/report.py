@@ -1,10 +1,8 @@
 """The error-against-run-time report: tables, Pareto fronts and figure from its rows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.stats import kendalltau
@@ -19,11 +17,7 @@ from ...evaluation.results.score import pool
 from ...evaluation.results.table import metres, number, table
 from .cases import CLEAN, SNR_DB, TRANSFORM
 from .figure import draw, pareto
-
-if TYPE_CHECKING:
-    from .study import RuntimeStudy
-
-__all__ = ["summarise", "write_report"]
+from .study import RuntimeStudy
 
 
 def write_report(

@@ -1,7 +1,5 @@
 """Error against run time: every method and model on the same frames, in one process, by turns."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,8 +20,6 @@ from ...evaluation.results.chain import Chain
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
 from .cases import CLEAN, INTERFERERS, TRANSFORM, WAVEFORM, frames_of
-
-__all__ = ["RuntimePoint", "RuntimeStudy", "compared_chains"]
 
 _BATCHES = (1, 8)  # frames per call that are timed: as they arrive, and as many as a network's batch
 _TIMED = 8  # timed frames per interferer, and without: one batch of the larger size

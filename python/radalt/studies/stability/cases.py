@@ -4,8 +4,6 @@ A case holds a few frames, the altitudes that would be right, and the largest er
 seeds it, so that every case can be run alone.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,8 +17,6 @@ from ...core.interference.evm import TYPICAL
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
-
-__all__ = ["CLEAN_ALTITUDE_M", "GROUPS", "Case", "coloured_noise", "noisy"]
 
 CLEAN_ALTITUDE_M = 500.0  # altitude of the clean frame that follows every case, m
 _SCENE = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)

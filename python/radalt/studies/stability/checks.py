@@ -1,11 +1,9 @@
 """Stability beyond single frames: step-size limits, long runs, determinism, broken frames in a running flowgraph."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,15 +14,11 @@ from ...core.programme import Programme
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.point import point_return
+from ...core.scene import Scene
 from ...core.waveform import Waveform
 from ...evaluation.engine.apart import call_apart
 from ...evaluation.engine.pool import WorkerError
 from .cases import coloured_noise, noisy
-
-if TYPE_CHECKING:
-    from ...core.scene import Scene
-
-__all__ = ["SPREADS", "altitudes_of", "determinism_rows", "flowgraph_row", "long_run_rows", "step_limit"]
 
 SPREADS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)  # spectral spreads of the input, for the step limits
 
@@ -193,8 +187,6 @@ def _difference(one: Sequence[float], other: Sequence[float]) -> float:
 
 def flowgraph_row(method: str, time_limit_s: float = 60.0) -> dict[str, Any]:
     """Broken frames through GNU Radio's blocks: no exception, and each frame as the core measures it."""
-    from ...core.scene import Scene
-
     w, scene = Waveform(), Scene(methods=(method,))
     bad = _frames(8)
     bad[1] = 0

@@ -7,18 +7,14 @@
 Exits with 1 if a case did not pass, after naming it.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...evaluation.engine.options import Parser, names_of, path
 from ...evaluation.engine.shell import StudyCommand, add_methods
-
-if TYPE_CHECKING:
-    from ...evaluation.engine.study import Study
+from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "stability", "stability"
 METHODS = (

@@ -4,8 +4,6 @@ A row passes if every frame gives an altitude within the case's bound or ``valid
 raised, and the clean frame after the case is measured as by a method that saw nothing before.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import warnings
@@ -22,8 +20,6 @@ from ...core.returns.point import point_return
 from ...evaluation.results.chain import Chain
 from .cases import CLEAN_ALTITUDE_M, Case, noisy
 from .reference import REFERENCES, covariance_condition, reference_altitude_m
-
-__all__ = ["allowed_false_alarms", "judge", "judge_all"]
 
 # samples of a frame up to which the float64 references are computed: seconds per case
 _MAX_REFERENCE_SAMPLES = 100_000

@@ -1,19 +1,12 @@
 """Float64 references of methods and altimeter that share no code with the core: whole-frame NumPy, no tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from ...core.mitigation import Mitigation
 from ...core.waveform import C_M_PER_S, Waveform
-
-__all__ = ["REFERENCES", "covariance_condition", "reference_altitude_m"]
-
-
-def _none(method: Mitigation, frames: np.ndarray) -> np.ndarray:
-    return frames
 
 
 def _whitening(method: Mitigation, frames: np.ndarray) -> np.ndarray:
@@ -53,17 +46,13 @@ def _lms(method: Mitigation, frames: np.ndarray, normalised: bool = False) -> np
     return out
 
 
-def _nlms(method: Mitigation, frames: np.ndarray) -> np.ndarray:
-    return _lms(method, frames, normalised=True)
-
-
 # method -> reference; a network has none in float64
 REFERENCES: dict[str, Callable[[Mitigation, np.ndarray], np.ndarray]] = {
-    "none": _none,
+    "none": lambda method, frames: frames,
     "whitening": _whitening,
     "lms": _lms,
     "lms_reference_input": _lms,
-    "nlms": _nlms,
+    "nlms": partial(_lms, normalised=True),
 }
 
 

@@ -1,7 +1,5 @@
 """Stability report: counts of verdicts, rows that did not pass, one figure; every row is in rows.csv."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,8 +12,6 @@ from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.table import table
-
-__all__ = ["BY_GROUP", "by_group", "failures", "write_report"]
 
 _GROUPS = {
     "stiff": "stiff inputs",

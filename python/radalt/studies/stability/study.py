@@ -1,7 +1,5 @@
 """Stability: every method and precision on stiff, extreme and broken frames, judged against float64."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,8 +14,6 @@ from ...evaluation.results.rows import Columns
 from . import checks
 from .cases import GROUPS, Case
 from .judge import judge_all
-
-__all__ = ["StabilityStudy", "compared_chains"]
 
 _STATED = ("group", "case", "chain", "precision", "frames", "bound_m", "condition")
 _FOUND = ("valid", "wrong", "error_m", "output_error", "altitude_float64_m", "finite", "diverged", "silenced")

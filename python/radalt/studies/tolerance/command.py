@@ -5,17 +5,13 @@
 .venv/bin/python flowgraphs/tolerance_eval.py --profile counter --altitudes-ft 200,1000 --method none --out results/old
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...evaluation.engine.options import Parser, number
 from ...evaluation.engine.shell import StudyCommand
-
-if TYPE_CHECKING:
-    from ...evaluation.engine.study import Study
+from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "tolerance_eval", "tolerance"
 INTERFERERS = "white_noise,tone,nr10,altimeter,equal_locked,equal_drifting,white_noise_others"

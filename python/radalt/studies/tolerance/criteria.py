@@ -1,15 +1,11 @@
 """Criteria of a usable altimeter, and the level at which one fails."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
 from scipy.constants import foot
 
 from ...core.receiver.tracker_settings import Status
-
-__all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "RUN_IN", "break_level", "judged"]
 
 # Mean error above 0.5 %, fewer than 98 % within 2 %, any output without computed data: commonly quoted from RTCA
 # 274-20/PMC-2073, not read there.

@@ -1,7 +1,5 @@
 """Interferers of the tolerance campaign: their frames at the IF, and the meaning of their level."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -13,8 +11,6 @@ from ...core.deramp.if_waveform import IfWaveform, white_noise
 from ...core.deramp.profile import Profile
 from ...core.waveform import altitude_to_delay_s
 from .criteria import HIGHEST_DBM
-
-__all__ = ["INTERFERERS", "Interferer", "locked_m", "others_mw"]
 
 _LOCKED_M = 450.0  # range at which an equal, locked sweep appears, installation delay included
 _LOCKED_SHARE = 0.75  # of the span, where that is less: it has to lie within

@@ -1,11 +1,9 @@
 """Page and figure of the tolerance campaign."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import special
@@ -19,11 +17,7 @@ from ...evaluation.results.page import write_result
 from ...evaluation.results.table import DASH, table
 from .criteria import CRITERIA, HIGHEST_DBM, RUN_IN
 from .interferers import INTERFERERS
-
-if TYPE_CHECKING:
-    from .study import ToleranceStudy
-
-__all__ = ["Pooled", "pooled", "write_report"]
+from .study import ToleranceStudy
 
 MARGIN_DB = 6.0  # safety margin that compatibility studies add
 # Okabe and Ito's colours and a marker, in the order of the interferers

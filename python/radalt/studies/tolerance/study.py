@@ -3,8 +3,6 @@
 IF frames of an interferer are made once per point and scaled, so that levels, altitudes and criteria share them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,8 +22,6 @@ from ...evaluation.engine.study import Point, Study
 from ...evaluation.results.rows import Columns
 from .criteria import CRITERIA, RUN_IN, break_level, judged
 from .interferers import INTERFERERS, locked_m, others_mw
-
-__all__ = ["METHODS", "ToleranceStudy", "TolerancePoint", "Trial"]
 
 METHODS = ("none", "whitening", "linear_prediction", "blanking")  # those that work behind an IF filter
 _CHUNK = 8  # outputs per call of the detector

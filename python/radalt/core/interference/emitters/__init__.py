@@ -3,8 +3,6 @@
 A new emitter is a file here, or a class anywhere that is passed to `register` (docs/design.md, "Add an interferer").
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from typing import ClassVar, TypeVar

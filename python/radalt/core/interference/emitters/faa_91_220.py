@@ -9,8 +9,6 @@ at the receiver's input (`core/returns/link_budget.py`), weighted by the receive
 table are taken as occupied at once, the worst case.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar

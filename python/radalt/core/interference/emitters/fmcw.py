@@ -5,8 +5,6 @@ as in a receiver, so that nothing aliases into the band. Its long-run mean power
 the band for a short time only, so by default a window is drawn that contains a crossing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,16 +12,8 @@ import numpy as np
 
 from ...parsing import check_range
 from ...waveform import exp_cycles
-from ..receiver_filter import (
-    PASSBAND_FRACTION,
-    check_positive,
-    decimate_window,
-    oversampling,
-    window_guard,
-)
+from ..receiver_filter import PASSBAND_FRACTION, check_positive, decimate_window, oversampling, window_guard
 from . import NamedEmitter, register
-
-__all__ = ["FmcwEmitter"]
 
 
 @register

@@ -4,8 +4,6 @@ The carrier is generated at its native rate (or a multiple, where its offset nee
 then filtered as in a receiver, resampled by polyphase filters and cached. Windows are cut from the cache.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
@@ -13,35 +11,18 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..evm import evm_title
-from ..nr_config import RESOURCE_BLOCKS, SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
-from ..nr_grid import Element, ResourceGrid, resource_grid, ssb_block, transmitted
+from ..nr_config import SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
+from ..nr_grid import resource_grid, transmitted
 from ..receiver_filter import random_window, resample_periodic
 from . import NamedEmitter, register
 
 if TYPE_CHECKING:
     from ..amplifier import Amplifier
 
-__all__ = [
-    "FRAME_SECONDS",
-    "RESOURCE_BLOCKS",
-    "SUBCARRIER_SPACING_HZ",
-    "SYMBOLS_PER_SLOT",
-    "Element",
-    "NrConfig",
-    "NrEmitter",
-    "ResourceGrid",
-    "cyclic_prefix_lengths",
-    "frame_samples",
-    "ofdm_modulate",
-    "resource_grid",
-    "ssb_block",
-]
-
 FRAME_SECONDS = 10e-3  # radio frame, TS 38.211 clause 4.3.1
 _AMPLIFIED = 4  # rate of the amplifier over the native rate: products up to the seventh order alias outside the carrier
-HALF_SUBFRAME_SYMBOLS = (
-    7  # symbols of 15 kHz spacing in 0.5 ms, after which the long cyclic prefix comes again
-)
+# symbols of 15 kHz spacing in 0.5 ms, after which the long cyclic prefix comes again
+HALF_SUBFRAME_SYMBOLS = 7
 
 
 def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
@@ -59,9 +40,7 @@ def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACIN
 
 
 def ofdm_modulate(
-    values: np.ndarray,
-    fft_length: int,
-    spacing_hz: float = SUBCARRIER_SPACING_HZ,
+    values: np.ndarray, fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ
 ) -> np.ndarray:
     """CP-OFDM, TS 38.211 clause 5.3.1: s(t) = sum_k a_k exp(j 2 pi (k - N_sc/2) df (t - N_CP T_c - t_start)).
 
@@ -112,11 +91,7 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
     # a generator of its own, so that the payload equals the ideal carrier's
     errors = np.random.default_rng([config.seed, 0xE7])
     frames = [
-        ofdm_modulate(
-            transmitted(resource_grid(config, rng), errors),
-            length,
-            config.subcarrier_spacing_hz,
-        )
+        ofdm_modulate(transmitted(resource_grid(config, rng), errors), length, config.subcarrier_spacing_hz)
         for _ in range(config.frame_count)
     ]
     return np.concatenate(frames)
@@ -175,7 +150,7 @@ class NrEmitter(NamedEmitter, NrConfig):
         signal, residual_hz = self.period(rate_hz)
         return random_window(signal, residual_hz / rate_hz, count, rng)
 
-    def period(self, rate_hz: float, amplifier: Amplifier | None = None) -> tuple[np.ndarray, float]:
+    def period(self, rate_hz: float, amplifier: "Amplifier | None" = None) -> tuple[np.ndarray, float]:
         """One period of the received signal, for streaming: (frame_count * 10 ms * rate,) complex128, and Hz.
 
         The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a
@@ -195,7 +170,7 @@ def _internal_fft_length(emitter: NrEmitter, rate_hz: float) -> int:
 
 
 @lru_cache(maxsize=8)  # a period of a second is 120 MB
-def _received(emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None) -> tuple[np.ndarray, float]:
+def _received(emitter: NrEmitter, rate_hz: float, amplifier: "Amplifier | None") -> tuple[np.ndarray, float]:
     """See `NrEmitter.period`."""
     reach_hz = rate_hz / 2 + emitter.occupied_bandwidth_hz / 2
     if abs(emitter.carrier_hz) >= reach_hz:

@@ -5,8 +5,6 @@ as in a receiver, so that nothing aliases into the band. Its long-run mean power
 cycle is low, so by default a window is drawn that contains a pulse.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -16,8 +14,6 @@ import numpy as np
 from ...waveform import exp_cycles
 from ..receiver_filter import check_positive, decimate_window, oversampling, window_guard
 from . import NamedEmitter, register
-
-__all__ = ["PulsedRadarEmitter"]
 
 
 @register
@@ -76,13 +72,10 @@ class PulsedRadarEmitter(NamedEmitter):
         slope = self.chirp_bandwidth_hz / self.pulse_width_s
         return envelope * exp_cycles(self.carrier_hz * seconds + slope / 2 * from_centre**2, np.complex128)
 
-    def _factor(self, rate_hz: float) -> int:
+    def _received(self, start_s: float, count: int, rate_hz: float) -> np.ndarray:
         # A raised-cosine edge's spectrum is some 60 dB down at three times the inverse rise time.
         highest_hz = abs(self.carrier_hz) + abs(self.chirp_bandwidth_hz) / 2 + 3.0 / self.rise_time_s
-        return oversampling(rate_hz, highest_hz)
-
-    def _received(self, start_s: float, count: int, rate_hz: float) -> np.ndarray:
-        factor = self._factor(rate_hz)
+        factor = oversampling(rate_hz, highest_hz)
         guard = window_guard(rate_hz, factor)
         index = np.arange(-guard * factor, (count + guard) * factor)
         wide = self.waveform(start_s + index / (factor * rate_hz))

@@ -1,7 +1,5 @@
 """QPSK with rectangular or root-raised-cosine pulses."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from fractions import Fraction
@@ -14,8 +12,6 @@ from ...parsing import check_range
 from ...waveform import exp_cycles
 from ..evm import check_evm, error_vectors, evm_fraction, evm_title
 from . import NamedEmitter, register
-
-__all__ = ["QpskEmitter", "qpsk_symbols", "rrc_taps"]
 
 
 @lru_cache(maxsize=32)

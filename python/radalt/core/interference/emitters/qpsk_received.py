@@ -1,7 +1,5 @@
 """QPSK behind a receiver's filter, with a symbol clock that is independent of the sample clock."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,8 +10,6 @@ from ...waveform import exp_cycles
 from ..receiver_filter import decimate_window, window_guard
 from . import register
 from .qpsk import QpskEmitter, qpsk_symbols, rrc_taps
-
-__all__ = ["QpskReceivedEmitter"]
 
 # rate of the pulses over the radar's: rectangular ones have side lobes without end, root-raised-cosine is band-limited
 _OVERSAMPLING = {"rectangular": 16, "rrc": 2}

@@ -1,7 +1,5 @@
 """A recording as an interferer: shifted into the band and placed like every emitter."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,8 +13,6 @@ from ...sigmf_file import SigmfFile, open_raw, open_sigmf
 from ..own_noise import MOST_DB, prefix_snr_db
 from ..receiver_filter import around, rate_ratio, resample_periodic
 from . import NamedEmitter, register
-
-__all__ = ["RecordingEmitter"]
 
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64

@@ -1,7 +1,5 @@
 """Unmodulated carriers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,8 +7,6 @@ import numpy as np
 
 from ...waveform import exp_cycles, sum_of_waves
 from . import NamedEmitter, register
-
-__all__ = ["ToneEmitter"]
 
 
 @register

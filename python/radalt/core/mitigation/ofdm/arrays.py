@@ -1,23 +1,9 @@
 """Array helpers of the receiver: powers, complex exponentials without a call per element, blocks of subcarriers."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
 from scipy import ndimage
-
-__all__ = [
-    "block_sums",
-    "exp_ramp",
-    "median",
-    "moving_average",
-    "moving_sum",
-    "power",
-    "segment_spread",
-    "segment_sums",
-    "spread",
-]
 
 
 def power(x: np.ndarray) -> np.ndarray:

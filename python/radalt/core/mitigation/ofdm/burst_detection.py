@@ -1,14 +1,10 @@
 """Short loud bursts: better blanked than demodulated from their few symbols."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 
 from .arrays import median, power
 from .settings import OfdmSettings
-
-__all__ = ["loud_burst"]
 
 
 def loud_burst(frame: np.ndarray, settings: OfdmSettings) -> np.ndarray | None:

@@ -1,13 +1,9 @@
 """Carrier frequency offset: what is left of it turns each symbol within itself."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import power
 from .equaliser import ElementGrid
-
-__all__ = ["phase_course", "residual_cfo"]
 
 
 def residual_cfo(grid: ElementGrid, sent: np.ndarray) -> float:

@@ -5,8 +5,6 @@ share it differently: *static*, one channel for the frame; *moving*, a parabola 
 slope for each resource block and part of a half slot, as precoding has it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,8 +15,6 @@ from .equaliser import ElementGrid
 from .numerology import Numerology
 from .phase_timing import axes_phases
 from .settings import OfdmSettings
-
-__all__ = ["ChannelStart", "ChannelEstimator", "blind_channel", "fourth_powers", "level_in_use"]
 
 _BLOCK = 12  # subcarriers, TS 38.211 clause 4.4.4.1
 _AXES_BLOCK = 25  # subcarriers whose fourth powers are summed before their sign is judged

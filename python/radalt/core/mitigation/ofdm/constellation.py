@@ -5,13 +5,9 @@ A point of square QAM has two independent rails (TS 38.211 clause 5.1). With noi
 ``p(x) = mean_a exp(-(x - a)^2 / nu) / sqrt(pi nu)``, and ``E[a | x] = sum_a a exp(-(x - a)^2 / nu) / sum_a exp(...)``.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
-
-__all__ = ["BOOSTED", "EMPTY", "NOISE_DB", "QAM", "QPSK", "rail_index", "rail_tables"]
 
 EMPTY, QPSK, BOOSTED, QAM = (
     0,
@@ -23,9 +19,8 @@ NOISE_DB = np.arange(
     -52.0, 7.0, 2.0
 )  # of the tables; finer noise than a step's width needs no row of its own
 _STEPS = 128  # per unit of amplitude: a fifth of half the distance between points of 256QAM
-_LEAST = (
-    1e-12  # density per unit of amplitude; products of smaller ones are denormal numbers, which cost tenfold
-)
+# density per unit of amplitude; products of smaller ones are denormal numbers, which cost tenfold
+_LEAST = 1e-12
 _TOP = 2 * _STEPS  # steps; the outermost point of any constellation is at 1.1 units, QPSK 3 dB up at 1
 _LEVELS = (
     np.zeros(1),

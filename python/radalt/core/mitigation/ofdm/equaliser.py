@@ -1,14 +1,10 @@
 """Resource elements of a frame: CFO and symbol timing removed, one FFT per symbol, one complex factor per element."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 
 from .arrays import exp_ramp
 from .numerology import Numerology
-
-__all__ = ["ElementGrid", "equalise"]
 
 _LEAST = np.float32(
     1e-4
@@ -62,7 +58,7 @@ class ElementGrid:
         self.ramp = timing_ramp(-delay, numerology)
         self.level: tuple[np.ndarray, np.ndarray] | None = None  # of `level_in_use`, where that is known
 
-    def retuned(self, cfo: float) -> ElementGrid:
+    def retuned(self, cfo: float) -> "ElementGrid":
         """The same frame and times with another CFO removed."""
         samples = self.samples * self.carrier.conj()
         grid = ElementGrid(samples, self.numerology, cfo, self.starts, np.zeros(len(self)), self.segment)

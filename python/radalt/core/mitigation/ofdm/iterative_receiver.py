@@ -9,8 +9,6 @@ The walk of a frame::
 All gates compare with the noise that is measured from the decisions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,16 +25,13 @@ from .return_estimation import ReturnEstimator
 from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper, SoftSymbols
 
-__all__ = ["IterativeReceiver", "KnownReturn", "Reception"]
-
 # prices of the steps in FFTs of 7,500 points, of a frame of so many samples; tools/ofdm_settings.py compares them with
 # what is measured
 _DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN = 18.0, 13.0, 20.0, 30.0, 10.0, 12.0, 12.0
 _FINISH = _CFO + 2 * _SUBTRACT + _RETURN + 2 * (_DEMAP + _LOOP)
 _SAMPLED = 7  # one block of subcarriers in so many is judged when the first noise is sought
-_UNEVEN_PENALTY = (
-    0.05  # nats per neper of unevenness: a wrong reading has regions without any error, and bad ones
-)
+# nats per neper of unevenness: a wrong reading has regions without any error, and bad ones
+_UNEVEN_PENALTY = 0.05
 _RESIDUE = np.float32(0.02)  # of a known return's power: it is no exact tone
 _LEAST = np.float32(1e-9)  # of the channel's power, that of a frame being 1: a divisor
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
@@ -113,7 +108,7 @@ class _Elements:
     uncertainty: np.ndarray | None
 
     @classmethod
-    def of(cls, grid: ElementGrid, phase: np.ndarray, known: KnownReturn | None) -> _Elements:
+    def of(cls, grid: ElementGrid, phase: np.ndarray, known: KnownReturn | None) -> "_Elements":
         factor = grid.ramp * phase
         if known is None:
             return cls(grid.raw * factor, None, phase, None)

@@ -1,14 +1,10 @@
 """Numerology: lengths and times of the symbols of LTE and NR at the radar's rate."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
 
 from .settings import SETTINGS, OfdmSettings
-
-__all__ = ["Numerology"]
 
 _CYCLE_S = 0.5e-3  # from one long prefix to the next, TS 38.211 clause 5.3.1
 _PREFIX_S = 144 / 30.72e6  # short prefix at 15 kHz, TS 38.211 clause 5.3.1; it shrinks with the symbol

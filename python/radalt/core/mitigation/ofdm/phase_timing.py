@@ -1,12 +1,8 @@
 """Common phase and timing of each symbol."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .equaliser import ElementGrid, timing_ramp
-
-__all__ = ["axes_phases", "correct_phase", "retimed", "timing_drift"]
 
 
 def correct_phase(agreement: np.ndarray) -> np.ndarray:

@@ -1,15 +1,11 @@
 """Reconstruction: samples of the demodulated emitter, what a frame is without them, and blanking where that failed."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 
 from .arrays import median, power
 from .equaliser import ElementGrid
 from .settings import OfdmSettings
-
-__all__ = ["blanked", "modulate", "sent_elements"]
 
 
 def modulate(elements: np.ndarray, grid: ElementGrid) -> np.ndarray:

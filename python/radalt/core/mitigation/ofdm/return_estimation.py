@@ -1,7 +1,5 @@
 """Radar return: is it visible, where is its tone, and is what is left consistent with one return and white noise?"""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +8,6 @@ from scipy import fft, ndimage
 from ...waveform import C_M_PER_S, Waveform
 from .arrays import exp_ramp, power
 from .settings import OfdmSettings
-
-__all__ = ["ReturnEstimate", "ReturnEstimator"]
 
 
 @dataclass(frozen=True)

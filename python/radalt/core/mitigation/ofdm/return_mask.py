@@ -1,14 +1,10 @@
 """Return mask: the resource elements that a radar return of any altitude in the span may occupy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...waveform import C_M_PER_S, Waveform
 from .numerology import Numerology
 from .settings import OfdmSettings
-
-__all__ = ["ReturnMask"]
 
 
 class ReturnMask:

@@ -1,10 +1,6 @@
 """Every number of the OFDM canceller that could have been another one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-
-__all__ = ["SETTINGS", "OfdmSettings"]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,6 @@ synchronisation signals and silence hold for about a resource block of one symbo
 "Randomly spread CDMA", IEEE Trans. Inf. Theory 51(6), 2005: the posterior mean minimises the squared error).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +15,6 @@ from .arrays import block_sums, moving_sum, segment_spread, segment_sums, spread
 from .constellation import BOOSTED, EMPTY, QAM, QPSK, rail_index, rail_tables
 from .numerology import Numerology
 from .settings import OfdmSettings
-
-__all__ = ["SoftSymbols", "SoftDemapper"]
 
 _AREA = 4 * np.pi  # in which an element that is none of the points may lie: |z| < 2, points have unit power
 _NEIGHBOUR = np.float32(0.5)  # weight of the two blocks beside one, when its QAM order is judged

@@ -1,7 +1,5 @@
 """Synchronisation: spacing, symbol timing and CFO from the cyclic prefix, the long prefix from fourth powers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +10,6 @@ from .equaliser import ElementGrid, timing_ramp
 from .numerology import Numerology, fold_index
 from .return_mask import ReturnMask
 from .settings import OfdmSettings
-
-__all__ = ["Prefix", "acquire", "find_prefix"]
 
 _GRAM_STEP = 2  # one subcarrier in so many serves the Gram matrices
 

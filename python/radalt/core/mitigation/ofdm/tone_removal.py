@@ -1,7 +1,5 @@
 """Tones on top of a wide signal: found as lines of the frame's spectrum, fitted by least squares, subtracted."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -9,8 +7,6 @@ from scipy import fft
 from scipy.linalg import blas
 
 from ...fir import cosine_window
-
-__all__ = ["without_tones"]
 
 _LINE = 30.0  # times the median power of the bins around it; of 7,500 bins of noise the largest has 13
 _PEAK = 20.0  # times the mean power of all bins: a fainter tone does no harm

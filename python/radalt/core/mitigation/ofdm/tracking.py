@@ -1,7 +1,5 @@
 """Tracking: what one frame says of an emitter serves the next, which needs no search."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +12,6 @@ from .iterative_receiver import IterativeReceiver, KnownReturn, Reception
 from .numerology import Numerology
 from .phase_timing import axes_phases
 from .settings import OfdmSettings
-
-__all__ = ["TrackingState", "next_state", "tracked"]
 
 _PRICE = 14.0  # FFTs, see `IterativeReceiver`
 _BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged

@@ -1,13 +1,9 @@
 """Carrier recovery by the fourth power, and decisions on QPSK symbols."""
 
-from __future__ import annotations
-
 import cmath
 
 import numpy as np
 from scipy import fft
-
-__all__ = ["decide", "largest_correlation", "nearest", "phasors"]
 
 _PADDING = 4  # times the length of the transform in which the carrier's line is found: 0.2 dB of scalloping
 

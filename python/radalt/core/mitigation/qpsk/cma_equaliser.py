@@ -1,7 +1,5 @@
 """From a frame to decided QPSK symbols: a fractionally spaced equaliser that starts blindly."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,8 +10,6 @@ from ...waveform import exp_cycles
 from .carrier_recovery import decide, largest_correlation, nearest
 from .settings import QpskSettings
 from .symbol_timing import SymbolTiming
-
-__all__ = ["CmaEqualiser", "Symbols", "tap_spacing"]
 
 _UPSAMPLING = 4  # points per sample, between which samples are interpolated linearly: 33 dB below the signal
 

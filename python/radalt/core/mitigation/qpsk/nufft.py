@@ -4,17 +4,12 @@ Impulses are spread over a finer grid by a short window, and the transform is di
 V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993). Interpolation is the adjoint.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
 
-__all__ = ["INTERPOLATION_POINTS", "OVERSAMPLING", "SPREAD_POINTS", "correction", "interpolate", "spread"]
-
-OVERSAMPLING = (
-    1.5  # points of the grid per sample, at least: images of the window are 90 dB down with 6 points
-)
+# points of the grid per sample, at least: images of the window are 90 dB down with 6 points
+OVERSAMPLING = 1.5
 SPREAD_POINTS = 6  # points per impulse
 INTERPOLATION_POINTS = 4  # samples per interpolated one: errors are 50 dB down
 _TABLE = 2048  # steps of the tabulated window between two points: 66 dB

@@ -1,19 +1,13 @@
 """Short filters over a frame by overlap-save: transforms of many segments cost less than one of the frame."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
 
-__all__ = ["OverlapSave"]
-
-_BATCH = (
-    4  # segments that a processor's vector unit transforms side by side: their number is a multiple of it
-)
-_SEGMENT = (
-    500  # samples of a segment, about: the shortest transforms per sample for filters of 64 to 192 taps
-)
+# segments that a processor's vector unit transforms side by side: their number is a multiple of it
+_BATCH = 4
+# samples of a segment, about: the shortest transforms per sample for filters of 64 to 192 taps
+_SEGMENT = 500
 
 
 class OverlapSave:

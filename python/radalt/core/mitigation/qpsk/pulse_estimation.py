@@ -1,7 +1,5 @@
 """The pulse that symbols were sent with, channel and filters included, by least squares."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -12,8 +10,6 @@ from .cma_equaliser import Symbols
 from .nufft import OVERSAMPLING, SPREAD_POINTS, correction, spread
 from .overlap_save import OverlapSave
 from .settings import QpskSettings
-
-__all__ = ["SymbolTrain", "estimate_pulse"]
 
 
 class SymbolTrain(OverlapSave):

@@ -1,10 +1,6 @@
 """Every setting of the QPSK receiver, with its unit and where it comes from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-
-__all__ = ["DEFAULTS", "QpskSettings"]
 
 
 @dataclass(frozen=True)

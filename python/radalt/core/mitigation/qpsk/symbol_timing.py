@@ -1,7 +1,5 @@
 """Symbol rate and timing of a linear modulation about which nothing is known."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,8 +8,6 @@ from scipy import fft
 
 from ...waveform import exp_cycles
 from .settings import QpskSettings
-
-__all__ = ["SymbolTiming", "find_symbol_timings", "symbol_instant"]
 
 
 @dataclass(frozen=True)

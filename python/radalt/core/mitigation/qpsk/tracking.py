@@ -1,7 +1,5 @@
 """Tracking of an emitter that fills the frame: timing, carrier, equaliser and pulse of the last frame are known."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 
@@ -12,8 +10,6 @@ from .overlap_save import OverlapSave
 from .pulse_estimation import SymbolTrain
 from .settings import QpskSettings
 from .symbol_timing import SymbolTiming, symbol_instant
-
-__all__ = ["Tracker", "can_track"]
 
 _BESIDE = 12  # samples on either side of an equaliser: the interpolation's correction is as long
 _ITERATIONS = 4  # of conjugate gradients; each leaves some -15 dB of a pulse's error

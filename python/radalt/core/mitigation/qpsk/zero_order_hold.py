@@ -3,14 +3,10 @@
 No receiver with a filter hears this. It is here since the paper's emitter is so, and is read in every frame anew.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .carrier_recovery import decide
 from .settings import QpskSettings
-
-__all__ = ["cancel_zero_order_hold"]
 
 _STRIDE = 8  # one step from a sample to the next in so many is enough for the test
 _FAR = 5.0  # times the median distance of a fourth power from their mean

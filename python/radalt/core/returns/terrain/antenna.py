@@ -1,7 +1,5 @@
 """Antenna patterns: a Gaussian beam in closed form, or any pattern from a file; one-way power gains."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from ...parsing import InputError, check_range, read_text
-
-__all__ = ["Antenna", "GaussianAntenna", "TabulatedAntenna"]
 
 _MOST_BYTES = 16 << 20  # largest pattern file, bytes: a sphere in steps of half a degree
 
@@ -86,7 +82,7 @@ class TabulatedAntenna:
     azimuth_deg: np.ndarray
 
     @classmethod
-    def load(cls, path: Path | str) -> TabulatedAntenna:
+    def load(cls, path: Path | str) -> "TabulatedAntenna":
         """Read a CSV file with columns ``angle_deg,gain_dbi`` or ``angle_deg,azimuth_deg,gain_dbi``.
 
         Lines beginning with ``#`` are comments. With azimuths, every angle needs every azimuth.

@@ -7,8 +7,6 @@ and the sum decorrelates along the path exactly as its changing geometry makes i
 right coherence.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +16,10 @@ from .geodesy import SEMI_MAJOR_M, curvature_radii_m, enu_axes, geodetic_to_ecef
 from .terrain import TerrainError, TerrainModel
 from .trajectory import AircraftState
 
-__all__ = ["Facets", "GroundGrid", "MIN_HEIGHT_M"]
-
 # Least simulated height of the antenna above ground, metres: below it lies the antenna's near field.
 MIN_HEIGHT_M = 0.5
-_SQUARE_AT_DEG = (
-    42.0  # latitude at which cells are square, that of the shipped landing; to 2 % within a degree of it
-)
+# latitude at which cells are square, that of the shipped landing; to 2 % within a degree of it
+_SQUARE_AT_DEG = 42.0
 
 
 @dataclass(frozen=True)

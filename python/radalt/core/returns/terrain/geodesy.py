@@ -4,17 +4,7 @@ Formulae: NIMA TR8350.2, 3rd ed. (2000), chapter 3 (constants) and B. Hofmann-We
 section 8.2. Angles are in degrees at every interface, lengths in metres, all arrays float64.
 """
 
-from __future__ import annotations
-
 import numpy as np
-
-__all__ = [
-    "ECCENTRICITY_SQUARED",
-    "SEMI_MAJOR_M",
-    "curvature_radii_m",
-    "enu_axes",
-    "geodetic_to_ecef",
-]
 
 SEMI_MAJOR_M = 6378137.0  # TR8350.2, Table 3.1
 FLATTENING = 1.0 / 298.257223563  # TR8350.2, Table 3.1

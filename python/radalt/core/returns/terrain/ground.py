@@ -5,14 +5,10 @@ and none was measured at 4.3 GHz and nadir over a town. ``level_db`` shifts a wh
 studies.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.constants import speed_of_light
-
-__all__ = ["LAND_TYPES", "ConstantGamma", "Morchin", "Reflectivity", "UlabyDobson", "reflectivity"]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """A landing by frame index, for flowgraphs: altitude profile and ground return of each frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,8 +7,6 @@ import numpy as np
 
 from .radar_return import GroundReturn, TerrainReturn
 from .trajectory import AircraftState, Trajectory
-
-__all__ = ["LandingProfile"]
 
 
 @dataclass(frozen=True)

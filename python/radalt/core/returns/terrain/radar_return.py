@@ -1,7 +1,5 @@
 """The radar return of terrain: radar equation over earth-fixed facets, as complex frames."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +14,8 @@ from .synthesis import synthesise
 from .terrain import TerrainModel
 from .trajectory import AircraftState
 
-__all__ = ["GroundReturn", "TerrainReturn"]
-
-_MAX_OFF_NADIR_DEG = (
-    60.0  # largest angle off nadir at which facets are sampled: ground there is twice as far away
-)
+# largest angle off nadir at which facets are sampled: ground there is twice as far away
+_MAX_OFF_NADIR_DEG = 60.0
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,11 @@ a few tens of kilohertz, so their sum is summed at a few dozen instants and inte
 transitions are summed over range bins. The tests hold it against the sum of every sweep at every sample.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
 
 from ...waveform import C_M_PER_S, Waveform, exp_cycles
-
-__all__ = ["synthesise"]
 
 TAPS = 14  # interpolator length; its error is near -100 dB at twofold oversampling
 KAISER_BETA = 11.0  # Kaiser window of the interpolator: side lobes near -100 dB

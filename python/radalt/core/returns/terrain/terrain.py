@@ -1,7 +1,5 @@
 """Terrain heights: DTED cells with bilinear interpolation between posts, and an analytic flat earth."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -12,8 +10,6 @@ import numpy as np
 
 from ...parsing import InputError, check_file
 from .geodesy import curvature_radii_m
-
-__all__ = ["VOID_M", "DtedCell", "FlatTerrain", "Terrain", "TerrainError", "TerrainModel"]
 
 VOID_M = -32767  # elevation that marks a post without data (MIL-PRF-89020B, 3.11.2)
 _MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
@@ -92,7 +88,7 @@ class DtedCell:
         return self.west_deg + (self.elevation_m.shape[0] - 1) * self.step_lon_deg
 
     @classmethod
-    def load(cls, path: Path | str, *, void: str = "error") -> DtedCell:
+    def load(cls, path: Path | str, *, void: str = "error") -> "DtedCell":
         """Read a DTED file of level 0, 1 or 2 through the `dted` library.
 
         Parameters
@@ -204,7 +200,7 @@ class Terrain:
     cells: tuple[DtedCell, ...] = field(default=())
 
     @classmethod
-    def load(cls, paths: Iterable[Path | str], *, void: str = "error") -> Terrain:
+    def load(cls, paths: Iterable[Path | str], *, void: str = "error") -> "Terrain":
         """Cells of several files; see `DtedCell.load`."""
         cells = tuple(DtedCell.load(path, void=void) for path in paths)
         if not cells:

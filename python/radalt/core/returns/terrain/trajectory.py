@@ -1,7 +1,5 @@
 """Aircraft trajectories: CSV tracks and ADS-B state vectors, interpolated with velocity and attitude."""
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from dataclasses import dataclass
@@ -14,8 +12,6 @@ from scipy.interpolate import PchipInterpolator
 
 from ...parsing import InputError, read_text
 from .geodesy import curvature_radii_m
-
-__all__ = ["AircraftState", "Trajectory", "TrajectoryError"]
 
 _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 
@@ -149,7 +145,7 @@ class Trajectory:
         altitude_offset_m: float = 0.0,
         angle_of_attack_deg: float = 5.0,
         max_gap_s: float = 15.0,
-    ) -> Trajectory:
+    ) -> "Trajectory":
         """Read a track from CSV; lines beginning with ``#`` are comments.
 
         The columns distinguish a plain track (time, latitude, longitude, altitude in metres, or altitude_ft)
