@@ -84,7 +84,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     names = options.names_of(parser, "--sweeps", args.sweeps, SWEEPS)
     free = (("shift_check", False), ("skip_white", False))
-    chains = [Chain.of_model(Path(f), f.parent.name + "/" + f.stem, options=free) for f in args.files]
+    chains = [Chain.of_model(Path(f), f"{f.parent.name}/{f.stem}", options=free) for f in args.files]
+    if chains[0].label == chains[1].label:
+        parser.error(f"both files are {chains[0].label}.onnx; move one to a folder of another name")
     try:
         rows = [row for name in names for row in rows_of(chains, name, args.trials, args.draw)]
     except MitigationError as error:
