@@ -29,8 +29,8 @@ def _exists(value: float | None) -> TypeGuard[float]:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Fixed digits; a dash for a missing number."""
-    return f"{value:z.{digits}f}" if _exists(value) else DASH
+    """Fixed digits, no minus before a zero; a dash for a missing number."""
+    return f"{round(value, digits) + 0.0:.{digits}f}" if _exists(value) else DASH
 
 
 def metres(value: float | None) -> str:
