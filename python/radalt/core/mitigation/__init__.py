@@ -15,9 +15,9 @@ from ..cores import allowed_cores
 from ..parsing import arguments
 from ..plugins import load_plugins
 from ..receiver.altimeter_settings import AltimeterSettings
+from ..receiver.beyond_span import BeyondSpan
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
-from .beyond_span import BeyondSpan
 from .blanking import Blanking
 from .custom import Custom
 from .hybrid import Hybrid

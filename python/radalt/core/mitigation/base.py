@@ -8,8 +8,8 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from scipy.linalg import blas
 
+from ..receiver.beyond_span import BeyondSpan
 from ..waveform import Waveform
-from .beyond_span import BeyondSpan
 
 _RESERVED = ("custom", "mitigation")  # the method of a file, and no method's name
 
