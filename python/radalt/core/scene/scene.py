@@ -134,7 +134,8 @@ class Scene:
             unknown = [m for m in getattr(self, key) if m not in known]
             if unknown:
                 near = did_you_mean(unknown[0], known)
-                raise ValueError(f"{key} names {shown(unknown[0])}; {near}allowed: {listed(known)}")
+                allowed = listed(known) if near else ", ".join(known)
+                raise ValueError(f"{key} names {shown(unknown[0])}; {near}allowed: {allowed}")
 
         for name, options in self.method_options.items():
             if options is not None and not isinstance(options, dict):
