@@ -9,8 +9,8 @@ strongest pair of lines lies beyond the span, the frame passes unchanged, and th
 import numpy as np
 from scipy import fft, ndimage
 
-from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform
+from .altimeter_settings import FASTEST_M_PER_S
 
 # Resolution cells beyond the highest altitude from which the altimeter itself declares no return.
 _MARGIN_CELLS = 2
