@@ -22,12 +22,15 @@ from .blanking import Blanking
 from .custom import Custom
 from .hybrid import Hybrid
 from .identity import Identity
+from .imat import Imat
 from .lms import BlockLms, BlockLmsReferenceInput, Nlms
 from .ofdm_cancel import OfdmCancel
 from .own_process import OwnProcess
 from .prediction import LinearPrediction, NlmsPredictor
 from .qpsk_cancel import QpskCancel
+from .stft_cfar import StftCfar
 from .tcae import Tcae
+from .time_frequency import TimeFrequency
 from .whitening import Whitening
 
 __all__ = [
@@ -53,7 +56,10 @@ for _method in (
     NlmsPredictor,
     LinearPrediction,
     Whitening,
+    TimeFrequency,
     Blanking,
+    StftCfar,
+    Imat,
     OfdmCancel,
     QpskCancel,
     Tcae,
