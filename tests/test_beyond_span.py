@@ -7,9 +7,14 @@ from radalt.core.interference import Interferer, QpskEmitter, interference_frame
 from radalt.core.mitigation import Mitigation, create
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.receiver.beyond_span import BeyondSpan
+from radalt.core.receiver.frame_quality import FrameQuality
 from radalt.core.receiver.tracker import AltitudeTracker, Status
 from radalt.core.returns.point import point_return
+from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.generate import prepare
+from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.simulation import run_chain
 
 W = Waveform()
 ALTIMETER = Altimeter(W)
@@ -56,7 +61,7 @@ def test_no_method_makes_an_altitude_of_it(name):
         alone = FAST.process(method.process(flown(np.random.default_rng(2), 40, 2600, 3100, 30.0)[1]))
         assert alone["valid"].mean() > 0.5
         # as `create` gives it to every method, a user's own included
-        method.beyond_span = BeyondSpan(W, 1500.0)
+        method.frame_quality = FrameQuality(W, 1500.0)
     rng = np.random.default_rng(3)
     declared = total = 0
     for snr_db in (30.0, 10.0, 0.0, -10.0):
@@ -152,3 +157,18 @@ def test_a_line_beyond_the_span_ten_decibels_below_the_ground_takes_no_altitude(
     outputs = [tracker.process(ALTIMETER.spectra(frames)) for frames in stream(rng, 2600.0, 300.0, -10.0)]
     outputs = np.concatenate(outputs)[2:]
     assert np.all(outputs["status"] == Status.NORMAL) and np.all(np.abs(outputs["altitude_m"] - 300.0) < 3.0)
+
+
+def test_a_received_frame_is_examined_once_however_many_methods_there_are(monkeypatch, tmp_path):
+    """Directly, and in a flowgraph."""
+    scene = parse_scene({"altitude": {"programme_m": [300.0], "frames": 20}, "channel": {"snr_db": 20.0}})
+    examined, real = [], BeyondSpan.__call__
+    monkeypatch.setattr(BeyondSpan, "__call__", lambda self, f: examined.append(len(f)) or real(self, f))
+    methods = ("none", "whitening", "blanking", "lms")
+    for run in (
+        lambda: run_chain(scene, methods),
+        lambda: run_point(prepare(scene, methods, tmp_path), scene),
+    ):
+        examined.clear()
+        results = run().results
+        assert {len(results[method]) for method in methods} == {sum(examined)} and sum(examined) >= 20

@@ -15,7 +15,7 @@ from ..cores import allowed_cores
 from ..parsing import arguments
 from ..plugins import load_plugins
 from ..receiver.altimeter_settings import AltimeterSettings
-from ..receiver.beyond_span import BeyondSpan
+from ..receiver.frame_quality import FrameQuality
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
 from .blanking import Blanking
@@ -179,7 +179,7 @@ def create(
             or parameters.get("span_m")
             or AltimeterSettings().resolved(waveform).max_altitude_m
         )
-        built.beyond_span = BeyondSpan(waveform, span_m)
+        built.frame_quality = FrameQuality(waveform, span_m)
     return built
 
 
