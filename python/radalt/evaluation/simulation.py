@@ -38,14 +38,23 @@ class PointResult:
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def received(scene: Scene, frames: int, *, radar_sends: bool = True) -> Iterator[tuple[int, np.ndarray]]:
+def received(
+    scene: Scene, frames: int, *, radar_sends: bool = True, trials_only: bool = False
+) -> Iterator[tuple[int, np.ndarray]]:
     """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps.
 
     A jump of the counter is a gap; the arrays are never overwritten. Without ``radar_sends`` the radar sends zeros.
+    With ``trials_only`` it begins as late before the first trial as leaves the trials as they are.
     """
     sweeps, channel = sweeps_of(scene), channel_of(scene)
     jammer = jammer_of(scene) if scene.has_jammer else None
-    for first in range(0, frames, _AT_ONCE):
+    begin = 0
+    if trials_only and channel.terrain is None:
+        begin = max(0, scene.altitude.preamble_frames - channel.memory_frames)
+        channel.skip(begin)
+        if jammer is not None:
+            jammer.frame_index = begin  # it is silent before the first trial
+    for first in range(begin, frames, _AT_ONCE):
         count = min(_AT_ONCE, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
         if not radar_sends:
