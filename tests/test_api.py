@@ -13,10 +13,12 @@ from waiting import ran_python
 import radalt
 from radalt.core.channel.settings import DropSettings
 from radalt.core.mitigation import METHODS
+from radalt.core.scene import parse_scene
 from radalt.evaluation.overlap.points import changed, sweep_points
 from radalt.evaluation.overlap.rows import COLUMNS
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.rowtable import Table
+from radalt.evaluation.simulation import received
 
 W = radalt.Waveform()
 
@@ -203,3 +205,22 @@ def test_none_is_nan_and_pandas_takes_it_where_it_is():
     assert np.isnan(table.to_numpy()["a"][0]) and table[1:].to_numpy()["c"].tolist() == [2]
     pandas = pytest.importorskip("pandas")
     assert isinstance(table.to_pandas(), pandas.DataFrame)
+
+
+@pytest.mark.parametrize("channel", [{"jammer_clock_ppm": -20.0}, {"jammer_delay_samples": 7000.5}, {}])
+def test_trials_are_the_same_where_the_preamble_before_them_is_left_out(channel):
+    """What lies farther back than the channel's memory is not simulated."""
+    scene = parse_scene(
+        {
+            "altitude": {"programme_m": [900.0], "frames": 3, "mode": "true_delay", "preamble_frames": 12},
+            "interference": {"qpsk": {"sir_db": -10.0}},
+            "channel": channel,
+        }
+    )
+    frames = scene.altitude.programme.total_frames
+    whole, short = (
+        np.concatenate([s for _, s in received(scene, frames, trials_only=t)]) for t in (False, True)
+    )
+    trials = 3 * scene.waveform.samples_per_frame
+    assert len(short) <= len(whole) - trials
+    np.testing.assert_array_equal(short[-trials:], whole[-trials:])

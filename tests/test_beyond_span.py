@@ -5,11 +5,16 @@ import pytest
 
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import Mitigation, create
-from radalt.core.mitigation.beyond_span import BeyondSpan
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt.core.receiver.beyond_span import BeyondSpan
+from radalt.core.receiver.frame_quality import FrameQuality
 from radalt.core.receiver.tracker import AltitudeTracker, Status
 from radalt.core.returns.point import point_return
+from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.generate import prepare
+from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.simulation import run_chain
 
 W = Waveform()
 ALTIMETER = Altimeter(W)
@@ -56,7 +61,7 @@ def test_no_method_makes_an_altitude_of_it(name):
         alone = FAST.process(method.process(flown(np.random.default_rng(2), 40, 2600, 3100, 30.0)[1]))
         assert alone["valid"].mean() > 0.5
         # as `create` gives it to every method, a user's own included
-        method.beyond_span = BeyondSpan(W, 1500.0)
+        method.frame_quality = FrameQuality(W, 1500.0)
     rng = np.random.default_rng(3)
     declared = total = 0
     for snr_db in (30.0, 10.0, 0.0, -10.0):
@@ -109,18 +114,61 @@ def test_right_frames_under_interference_are_not_refused():
     assert taken <= 4
 
 
+def stream(rng: np.random.Generator, high_m: float, low_m: float | None, weaker_db: float, count: int = 400):
+    """Frames of two sinking returns in noise 10 dB below the higher one, 40 at a time."""
+    for first in range(0, count, 40):
+        sunk = 5e-3 * np.arange(first, first + 40)
+        frames = point_return(W, high_m - sunk, vertical_speed_m_per_s=-5.0)
+        if low_m is not None:
+            low = point_return(W, low_m - sunk, vertical_speed_m_per_s=-5.0, phase_cycles=rng.random())
+            frames = frames + np.float32(10.0 ** (-weaker_db / 20.0)) * low
+        noise = rng.standard_normal((40, 2 * W.samples_per_frame), dtype=np.float32).view(np.complex64)
+        yield frames + np.float32(np.sqrt(0.05)) * noise
+
+
 @pytest.mark.parametrize("altitude_m", [2600.0, 2800.0])
 def test_the_tracker_gives_no_altitude_of_it(altitude_m):
-    rng = np.random.default_rng(8)
     method, tracker = create("tcae", W), AltitudeTracker(ALTIMETER)
     statuses = []
-    for first in range(0, 400, 40):
-        frames = point_return(
-            W, altitude_m - 5e-3 * np.arange(first, first + 40), vertical_speed_m_per_s=-5.0
-        )
-        noise = rng.standard_normal((40, 2 * W.samples_per_frame), dtype=np.float32).view(np.complex64)
-        frames = frames + np.float32(np.sqrt(0.05)) * noise
+    for frames in stream(np.random.default_rng(8), altitude_m, None, 0.0):
         received = ALTIMETER.spectra(frames)
         outputs = tracker.process(ALTIMETER.spectra(method.process(frames)), received=received)
         statuses.extend(outputs["status"].tolist())
     assert len(statuses) == 10 and Status.NORMAL not in statuses
+
+
+@pytest.mark.parametrize("high_m", [1560.0, 2600.0, 20_000.0])
+@pytest.mark.parametrize("weaker_db", [1.0, 8.0, 20.0])
+def test_what_lies_within_the_span_is_not_the_ground_while_the_ground_beyond_it_is_stronger(
+    high_m, weaker_db
+):
+    """A weak echo at 300 m, from the start: a bird, a radar, a second bounce. The altimeter's reason says so."""
+    tracker, rng = AltitudeTracker(ALTIMETER), np.random.default_rng([9, int(high_m), int(weaker_db)])
+    for frames in stream(rng, high_m, 300.0, weaker_db, 200):
+        spectra = ALTIMETER.spectra(frames)
+        found = ALTIMETER.detect(spectra)
+        assert not found["valid"].any()
+        assert set(found["reason"]) <= {Reason.OUT_OF_RANGE, Reason.NO_DETECTION, Reason.AMBIGUOUS}
+        assert Status.NORMAL not in tracker.process(spectra)["status"]
+
+
+def test_a_line_beyond_the_span_ten_decibels_below_the_ground_takes_no_altitude():
+    tracker, rng = AltitudeTracker(ALTIMETER), np.random.default_rng(10)
+    outputs = [tracker.process(ALTIMETER.spectra(frames)) for frames in stream(rng, 2600.0, 300.0, -10.0)]
+    outputs = np.concatenate(outputs)[2:]
+    assert np.all(outputs["status"] == Status.NORMAL) and np.all(np.abs(outputs["altitude_m"] - 300.0) < 3.0)
+
+
+def test_a_received_frame_is_examined_once_however_many_methods_there_are(monkeypatch, tmp_path):
+    """Directly, and in a flowgraph."""
+    scene = parse_scene({"altitude": {"programme_m": [300.0], "frames": 20}, "channel": {"snr_db": 20.0}})
+    examined, real = [], BeyondSpan.__call__
+    monkeypatch.setattr(BeyondSpan, "__call__", lambda self, f: examined.append(len(f)) or real(self, f))
+    methods = ("none", "whitening", "blanking", "lms")
+    for run in (
+        lambda: run_chain(scene, methods),
+        lambda: run_point(prepare(scene, methods, tmp_path), scene),
+    ):
+        examined.clear()
+        results = run().results
+        assert {len(results[method]) for method in methods} == {sum(examined)} and sum(examined) >= 20

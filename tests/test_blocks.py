@@ -12,13 +12,15 @@ import zmq
 from gnuradio import blocks, gr, radalt
 from waiting import wait_for
 
+from radalt.blocks._frames import frame_tag
 from radalt.blocks._guard import raise_stored
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import create
 from radalt.core.radio.endpoint import BoundedListener
 from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
-from radalt.core.receiver.segmenter import FrameSegmenter
+from radalt.core.receiver.frame_quality import FrameQuality
+from radalt.core.receiver.segmenter import Frame, FrameSegmenter
 from radalt.core.scene import parse_scene
 from radalt.core.scene.live import RangeProfile
 from radalt.evaluation.commands import make_recording
@@ -316,7 +318,15 @@ def test_segmenter_block_is_the_segmenter_in_any_chunks():
         named = [value for _, key, value in sink.tags if key == "radalt_frame"]
         flown = scene.altitude.programme.altitude_m
         assert [tuple(v) for v in named] == [
-            (f.index, f.start_sample, f.offset_s, float(flown(f.index))) for f in expected
+            (
+                f.index,
+                f.start_sample,
+                f.offset_s,
+                float(flown(f.index)),
+                np.abs(f.samples.view(np.float32)).max(),
+                0,
+            )
+            for f in expected
         ]
         counters = block.status()
         assert {k: counters[k] for k in reference.counters} == reference.counters
@@ -522,8 +532,13 @@ def frames_with_tags(count: int) -> tuple[np.ndarray, tuple, np.ndarray]:
     noise = 0.1 * (rng.standard_normal((count, N)) + 1j * rng.standard_normal((count, N)))
     frames = (np.stack([scene.waveform.beat_shifted(a) for a in altitudes]) + noise).astype(np.complex64)
     offsets = rng.uniform(-0.5, 0.5, count) / 7.5e6
+    quality = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(frames)
     tags = tuple(
-        (i, pmt.intern("radalt_frame"), pmt.init_f64vector(4, [100.0 + i, i * 7500.0, offsets[i], np.nan]))
+        (
+            i,
+            pmt.intern("radalt_frame"),
+            frame_tag(Frame(100 + i, i * N, frames[i], offsets[i]), np.nan, quality[i]),
+        )
         for i in range(count)
     )
     return frames, tags, offsets

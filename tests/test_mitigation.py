@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.mitigation import METHODS, MitigationError, create
 from radalt.core.mitigation.lms import BlockLmsReferenceInput
+from radalt.core.mitigation.stft_cfar import extrapolated
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -84,6 +86,37 @@ def test_blanking_excises_the_burst_and_passes_the_rest_of_the_frame():
     assert np.mean(np.abs(cleaned[:, burst]) ** 2) < 0.02 * np.mean(np.abs(frames[:, burst]) ** 2)
     difference = np.mean(np.abs(cleaned[:, quiet] - frames[:, quiet]) ** 2)
     assert difference < 0.1  # of a return of power 1
+
+
+# -- the time-frequency plane, before and after dechirping -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [("stft_cfar", {}), ("stft_cfar", {"fill": "burg"}), ("imat", {})], ids=str
+)
+def test_excision_after_dechirping_removes_a_crossing_and_a_burst_and_nothing_else(name, options):
+    """A tone crosses the beat band in 20 us; a burst is short in every bin. Without either, noise alone is cut."""
+    method = create(name, W, **options)
+    for interferer in (Interferer(ToneEmitter(3), -45.0), Interferer(QpskEmitter(), -35.0, 0.1)):
+        frames, altitudes = scene(60, interferer, 31)
+        assert correct(method.process(frames), altitudes).mean() >= 0.95
+        assert correct(frames, altitudes).mean() < 0.5
+    frames, altitudes = scene(60, None, 32)
+    assert correct(method.process(frames), altitudes).all()
+
+
+def test_burg_continues_a_tone_through_a_gap_where_zeroing_leaves_it():
+    plane = np.exp(2j * np.pi * 0.07 * np.arange(60))[:, None] * np.ones(3)
+    kept = np.ones(plane.shape, dtype=bool)
+    kept[20:30, 1] = False
+    np.testing.assert_allclose(extrapolated(plane.astype(np.complex64), kept), plane, atol=1e-3)
+
+
+def test_time_frequency_weights_hold_where_whitening_breaks():
+    """5 MHz 5G at -45 dB: uneven over time and frequency behind whitening, which the weights use, without training."""
+    interferer = Interferer(NrEmitter(channel_bandwidth_hz=5e6, evm="typical"), -45.0)
+    assert pd("time_frequency", interferer, 100) >= 0.9
+    assert pd("whitening", interferer, 100) < 0.8
 
 
 # -- linear prediction ------------------------------------------------------------------------------------------------
@@ -601,6 +634,10 @@ def test_methods_work_for_other_sweeps(name):
         ("nlms_predictor", {"step": 0.5}, "nlms_predictor.step is 0.5; it has to be within 0..0.2"),
         ("nlms_predictor", {"step": 0.0}, "nlms_predictor.step is 0"),
         ("linear_prediction", {"order": 2.5}, "linear_prediction.order is 2.5; expected a whole number"),
+        ("stft_cfar", {"fill": "ar"}, "stft_cfar.fill is 'ar'; allowed: zero, burg"),
+        ("stft_cfar", {"pfa": 0.5}, "stft_cfar.pfa is 0.5; it has to be within 1e-9..0.1"),
+        ("imat", {"threshold_db": 0.0}, "imat.threshold_db is 0.0; it has to be above 0"),
+        ("imat", {"iterations": 0}, "imat.iterations is 0; a whole number within 1..100"),
         ("tcae", {"shift_check": "maybe"}, "tcae.shift_check is 'maybe'; expected true or false"),
     ],
 )

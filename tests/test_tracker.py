@@ -499,7 +499,7 @@ def test_block_tracks_in_any_chunks_and_says_so_in_messages():
     path = 300.0 - 5.0 * (np.arange(360) - 180) * T
     frames = flight(np.random.default_rng(17), path, 0.0, -5.0).astype(np.complex64)
     tags = [
-        (k, pmt.intern("radalt_frame"), pmt.init_f64vector(4, [float(k), k * N, 0.0, np.nan]))
+        (k, pmt.intern("radalt_frame"), pmt.init_f64vector(6, [float(k), k * N, 0.0, np.nan, 1.0, 0.0]))
         for k in range(len(frames))
     ]
     kept = []

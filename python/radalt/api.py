@@ -113,7 +113,8 @@ def simulate(
     Parameters
     ----------
     scene : str, Path or Scene
-        One of `radalt.scenes`, a YAML file, or `load_scene`'s result.
+        One of `radalt.scenes`, a YAML file, or `load_scene`'s result: in a loop the latter, since reading a file takes
+        longer than making a frame.
     sir_db, overlap, snr_db : float, optional
         Signal to all interference over the whole frame, active fraction of the frame (0..1), signal to noise; default
         the scene's.
@@ -155,11 +156,12 @@ def simulate(
         channel = dataclasses.replace(chosen.channel, start_offset_samples=float(n), drops=DropSettings())
         chosen = dataclasses.replace(chosen, channel=channel)
         programme = chosen.altitude.programme
-        pieces = [samples for _, samples in received(chosen, programme.total_frames + 1)]
+        pieces = list(received(chosen, programme.total_frames + 1, trials_only=True))
     except ValueError as error:
         raise SceneError(f"scene {chosen.name}: {error}") from None
     trial = np.flatnonzero(programme.is_trial(np.arange(programme.total_frames)))[:frames]
-    return np.concatenate(pieces)[n:].reshape(-1, n)[trial], programme.altitude_m(trial)
+    rows = np.concatenate([samples for _, samples in pieces]).reshape(-1, n)
+    return rows[trial + 1 - pieces[0][0] // n], programme.altitude_m(trial)
 
 
 def _numbers(values: Numbers) -> tuple[float, ...] | None:

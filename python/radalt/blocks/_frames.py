@@ -4,6 +4,7 @@ import numpy as np
 import pmt
 
 from ..core.programme import SentAltitudes
+from ..core.receiver.frame_quality import QUALITY_DTYPE
 from ..core.receiver.segmenter import Frame
 
 FRAME_KEY = pmt.intern("radalt_frame")
@@ -11,9 +12,13 @@ RX_TIME_KEY = pmt.intern("rx_time")
 SENT_KEY = pmt.intern("radalt_altitude")
 
 
-def frame_tag(frame: Frame, sent_m: float):  # noqa: ANN201 - a pmt
-    """Tag value of a frame, float64: index, sample counter, residual delay in seconds, altitude sent or NaN."""
-    return pmt.init_f64vector(4, [float(frame.index), float(frame.start_sample), frame.offset_s, sent_m])
+_QUALITIES = QUALITY_DTYPE.names
+
+
+def frame_tag(frame: Frame, sent_m: float, quality: np.void):  # noqa: ANN201 - a pmt
+    """Tag value of a frame, float64: index, sample counter, residual delay in s, altitude sent or NaN, quality."""
+    place = [float(frame.index), float(frame.start_sample), frame.offset_s, sent_m]
+    return pmt.init_f64vector(4 + len(_QUALITIES), [*place, *map(float, quality.item())])
 
 
 def sent_tag(first_index: int, altitude_m: float | None):  # noqa: ANN201 - a pmt
@@ -30,24 +35,35 @@ def read_sent_tag(value, sent: SentAltitudes) -> None:  # noqa: ANN001 - a pmt
 
 
 def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001
-    """(count, 4) tag values of the next ``count`` items of input 0, as `frame_tag`; NaN in rows without a tag.
+    """(count, 4 + q) tag values of the next ``count`` items of input 0, as `frame_tag`; NaN in rows without a tag.
 
     A malformed tag writes one line to the block's log; its frame counts as one without a tag.
     """
-    tags = block.get_tags_in_window(0, 0, count, FRAME_KEY)
+    tags, width = block.get_tags_in_window(0, 0, count, FRAME_KEY), 4 + len(_QUALITIES)
     try:
-        values = [_numbers(FRAME_KEY, tag.value, 4) for tag in tags]
+        values = [_numbers(FRAME_KEY, tag.value, width) for tag in tags]
     except TagError as error:
         say_once(block, error)
-        tags = [tag for tag in tags if _is_vector(tag.value, 4)]
+        tags = [tag for tag in tags if _is_vector(tag.value, width)]
         values = [pmt.f64vector_elements(tag.value) for tag in tags]
     if len(values) == count:  # one each, in order
         return np.array(values)
-    out = np.full((count, 4), np.nan)
+    out = np.full((count, width), np.nan)
     first = block.nitems_read(0)
     for tag, value in zip(tags, values, strict=True):
         out[tag.offset - first] = value
     return out
+
+
+def read_quality(block, count: int) -> np.ndarray | None:  # noqa: ANN001
+    """(count,) quality of the next frames of input 0 by their tags; None where one has no tag."""
+    values = read_frame_tags(block, count)
+    if np.isnan(values[:, 0]).any():
+        return None
+    quality = np.empty(count, dtype=QUALITY_DTYPE)
+    for column, name in enumerate(_QUALITIES, 4):
+        quality[name] = values[:, column]
+    return quality
 
 
 def time_tag(counter: int, rate_hz: float):  # noqa: ANN201 - a pmt

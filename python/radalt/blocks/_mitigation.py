@@ -7,7 +7,7 @@ import numpy as np
 from gnuradio import gr
 
 from ..core.mitigation import Mitigation, OwnProcess
-from ._frames import frame_ring
+from ._frames import frame_ring, read_quality
 from ._guard import guarded
 
 _TIMES = 20_000  # processing times kept, frames: 20 s of the default sweep
@@ -34,12 +34,13 @@ class MitigationBlock(gr.sync_block):
         if not self.active:
             out[:] = frames
             return len(out)
+        quality = read_quality(self, len(out))
         # a process of its own takes all that is there, and divides it itself
         batch = len(out) if isinstance(self.method, OwnProcess) else self._batch
         for first in range(0, len(out), batch):
             span = slice(first, first + batch)
             begin = time.thread_time_ns() + self.method.outside_cpu_ns
-            self.method.process_into(frames[span], out[span])
+            self.method.process_into(frames[span], out[span], None if quality is None else quality[span])
             count = len(out[span])
             spent = time.thread_time_ns() + self.method.outside_cpu_ns - begin
             self._milliseconds.extend([spent * 1e-6 / count] * count)

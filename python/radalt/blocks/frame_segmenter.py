@@ -11,6 +11,7 @@ from gnuradio import gr
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
+from ..core.receiver.frame_quality import FrameQuality
 from ..core.receiver.leakage import ground_is_apart
 from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
 from ..core.receiver.tracker_settings import Status
@@ -56,9 +57,9 @@ class frame_segmenter(gr.basic_block):
     """Acquires the sweep's timing to a fraction of a sample, then coasts; see `FrameSegmenter`.
 
     Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, residual delay in seconds,
-    true altitude in metres or NaN). ``rx_time`` tags set the counter; an incomplete frame is discarded and counted. A
-    frame is released when the next one has confirmed the timing (1 ms). A loss of lock, or a second of signal without a
-    sweep, writes one line with its remedy to GNU Radio's log.
+    true altitude in metres or NaN, and the fields of `QUALITY_DTYPE`). ``rx_time`` tags set the counter; an incomplete
+    frame is discarded and counted. A frame is released when the next one has confirmed the timing (1 ms). A loss of
+    lock, or a second of signal without a sweep, writes one line with its remedy to GNU Radio's log.
 
     With a leakage calibration in the scene the leakage is subtracted from every frame. Where a tracker's ``tracked`` is
     connected, the calibration tracks slow changes, only in blocks in which the track holds the ground above 60 m.
@@ -112,6 +113,7 @@ class frame_segmenter(gr.basic_block):
         self.latency_samples = float("nan")
         # (sample counter, time) of each chunk, for measurements of latency
         self.arrivals: deque[tuple[int, float]] | None = None
+        self._quality = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)
         adc = scene.channel
         # largest value of the scene's converter; without a converter nothing saturates
         self._full_scale = adc.full_scale * (1 - 2.0 ** (1 - adc.adc_bits)) if adc.adc_bits > 1 else np.inf
@@ -276,14 +278,17 @@ class frame_segmenter(gr.basic_block):
         return self.segmenter.jump(counter - self.segmenter.sample_counter)
 
     def _hand_on(self, out: np.ndarray) -> int:
-        done, first = 0, self.nitems_written(0)
-        while self._ready and done < len(out) - self._kept_free:
-            frame = self._ready.popleft()
-            out[done] = frame.samples
-            self._inspect(frame)
+        first, done = self.nitems_written(0), max(0, min(len(self._ready), len(out) - self._kept_free))
+        frames = [self._ready.popleft() for _ in range(done)]
+        for row, frame in zip(out, frames, strict=False):
+            row[:] = frame.samples
+        quality = self._quality(out[:done])
+        if np.isfinite(self._full_scale):
+            self.saturated_frames += int(np.count_nonzero(quality["peak"] >= 0.9999 * self._full_scale))
+        for place, frame in enumerate(frames, first):
+            self._measure_latency(frame)
             sent_m = self._known(frame.index)[0] if self._known is not None else float("nan")
-            self.add_item_tag(0, first + done, FRAME_KEY, frame_tag(frame, sent_m))
-            done += 1
+            self.add_item_tag(0, place, FRAME_KEY, frame_tag(frame, sent_m, quality[place - first]))
         return done
 
     def _drop(self) -> None:
@@ -300,11 +305,8 @@ class frame_segmenter(gr.basic_block):
             self._ready.clear()
             self._dropped_at = now
 
-    def _inspect(self, frame: Frame) -> None:
-        """Count saturation, store the latency, and replace the measured latency by a calibrated one."""
-        rails = frame.samples.view(np.float32)
-        if np.isfinite(self._full_scale) and max(rails.max(), -rails.min()) >= self._full_scale * 0.9999:
-            self.saturated_frames += 1
+    def _measure_latency(self, frame: Frame) -> None:
+        """Store the latency, and replace the measured one by a calibrated one."""
         n = frame.samples.size
         before = frame.start_sample - frame.index * n
         self.latency_samples = before + frame.offset_s * self._rate

@@ -1,11 +1,11 @@
 """Transmitted sweeps by index, with the beat shift of a synthetic altitude."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from .programme import SentAltitudes
 from .waveform import Waveform
-
-_KEPT = 64  # cached sweeps, one per altitude: 60 KB each at the default waveform
 
 
 class SentSweeps:
@@ -24,16 +24,18 @@ class SentSweeps:
 
     def __init__(self, waveform: Waveform, sent: SentAltitudes, *, synthetic: bool = True) -> None:
         self.waveform, self.sent, self.synthetic = waveform, sent, synthetic
-        self._tables: dict[float, np.ndarray] = {}
 
     def sweep(self, index: int) -> np.ndarray:
         """(N,) complex64 sweep number ``index``; not to be written into."""
         altitude_m = self.sent.at(index)[0] if self.synthetic else 0.0
-        if altitude_m not in self._tables:
-            if len(self._tables) >= _KEPT:
-                self._tables.clear()
-            self._tables[altitude_m] = self.waveform.beat_shifted(altitude_m)
-        table = self._tables[altitude_m]
+        table = _shifted(self.waveform, altitude_m)
         if self.waveform.cycles_per_frame:
             table = table * np.complex64(self.waveform.frame_rotation(index))
         return table
+
+
+@lru_cache(maxsize=64)  # 60 KB each at the default waveform
+def _shifted(waveform: Waveform, altitude_m: float) -> np.ndarray:
+    sweep = waveform.beat_shifted(altitude_m)
+    sweep.flags.writeable = False
+    return sweep

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.mitigation import METHODS, Mitigation, create, method_class
 from ..core.receiver.altimeter import shared_altimeter
+from ..core.receiver.frame_quality import FrameQuality
 from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
 from ..core.scene.build import channel_of, jammer_of, segmenter_of, sweeps_of
@@ -37,14 +38,23 @@ class PointResult:
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def received(scene: Scene, frames: int, *, radar_sends: bool = True) -> Iterator[tuple[int, np.ndarray]]:
+def received(
+    scene: Scene, frames: int, *, radar_sends: bool = True, trials_only: bool = False
+) -> Iterator[tuple[int, np.ndarray]]:
     """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps.
 
     A jump of the counter is a gap; the arrays are never overwritten. Without ``radar_sends`` the radar sends zeros.
+    With ``trials_only`` it begins as late before the first trial as leaves the trials as they are.
     """
     sweeps, channel = sweeps_of(scene), channel_of(scene)
     jammer = jammer_of(scene) if scene.has_jammer else None
-    for first in range(0, frames, _AT_ONCE):
+    begin = 0
+    if trials_only and channel.terrain is None:
+        begin = max(0, scene.altitude.preamble_frames - channel.memory_frames)
+        channel.skip(begin)
+        if jammer is not None:
+            jammer.frame_index = begin  # it is silent before the first trial
+    for first in range(begin, frames, _AT_ONCE):
         count = min(_AT_ONCE, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
         if not radar_sends:
@@ -91,15 +101,17 @@ class _Path:
         self._results: list[np.ndarray] = []
         self.name = method
 
-    def take(self, frames: np.ndarray, index: np.ndarray, offset_s: np.ndarray) -> None:
-        """Process and measure (n, N) frames."""
+    def take(
+        self, frames: np.ndarray, quality: np.ndarray | None, index: np.ndarray, offset_s: np.ndarray
+    ) -> None:
+        """Process and measure (n, N) frames of a quality that only methods need."""
         cleaned = frames
         if self._method is not None:
             cleaned = np.empty_like(frames)
             for first in range(0, len(frames), self._batch):
                 span = slice(first, first + self._batch)
                 begin = time.thread_time_ns()
-                self._method.process_into(frames[span], cleaned[span])
+                self._method.process_into(frames[span], cleaned[span], quality[span])
                 count = len(frames[span])
                 self._milliseconds += [(time.thread_time_ns() - begin) * 1e-6 / count] * count
         spectra = self._altimeter.spectra(cleaned)
@@ -124,6 +136,8 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
     begin = time.perf_counter()
     paths = [_Path(scene, method) for method in methods]
     segmenter = segmenter_of(scene)
+    examine = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)
+    needed = any(path.name != METHODS["none"].name for path in paths)
     with _one_blas_thread():
         for frames in segmented(scene, segmenter):
             if not frames:
@@ -131,8 +145,9 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
             samples = np.stack([frame.samples for frame in frames])
             index = np.array([frame.index for frame in frames])
             offset_s = np.array([frame.offset_s for frame in frames])
+            quality = examine(samples) if needed else None
             for path in paths:
-                path.take(samples, index, offset_s)
+                path.take(samples, quality, index, offset_s)
     signal_s = (scene.altitude.programme.total_frames + TAIL_FRAMES) * scene.waveform.sweep_s
     return PointResult(
         results={path.name: path.results() for path in paths},

@@ -63,6 +63,11 @@ class DelayLine:
         self._end += samples.size
 
     @property
+    def memory_blocks(self) -> int:
+        """Blocks before one on which its output may depend."""
+        return -(-self._history // self._block)
+
+    @property
     def _reach(self) -> int:
         """Number of samples on which an output can depend."""
         return self._history + MOST_BLOCKS * self._block

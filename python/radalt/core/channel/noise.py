@@ -35,6 +35,10 @@ class ReceiverNoise:
         self._radius, self._angle = np.empty((2, blocks, self._samples), dtype=np.float32)
         self._noise = np.empty((blocks, 2, self._samples), dtype=np.float32)
 
+    def skip(self, blocks: int) -> None:
+        """Go on as after so many blocks."""
+        self._bits.random_raw(blocks * self._samples, output=False)
+
     def add(self, block: np.ndarray, power: float) -> None:
         """Add noise of mean power ``power`` to ``(samples,)`` or ``(m * samples,)`` contiguous complex64, in place."""
         blocks = block.size // self._samples

@@ -83,7 +83,8 @@ class SimulatedChannel:
             )
         if settings.jammer_clock_ppm > 0:  # a fast jammer clock eats into the delay
             self._jammer_base += n
-        self._jammer = DelayLine(n, self._jammer_base + n)
+        slow = settings.jammer_clock_ppm < 0  # its delay grows by up to a frame
+        self._jammer = DelayLine(n, self._jammer_base + (n if slow else 0))
         self._noise = ReceiverNoise(n, [seed, 0x401])
         self._gaps = self._draw_gaps(frames)
         self._gains = self._draw_multipath(frames)
@@ -127,6 +128,16 @@ class SimulatedChannel:
         starts = np.sort(self.rng.integers(0, free, drops.count))
         starts = first + starts + np.concatenate([[0], np.cumsum(lengths[:-1] + self._n)])
         return [(int(s), int(length)) for s, length in zip(starts, lengths, strict=True)]
+
+    @property
+    def memory_frames(self) -> int:
+        """Transmitted frames before one on which that may depend."""
+        return max(self._radar.memory_blocks, self._jammer.memory_blocks)
+
+    def skip(self, frames: int) -> None:
+        """Start ``frames`` later: the `memory_frames` after it are then not received as they would have been."""
+        self._block += frames
+        self._noise.skip(frames)
 
     @property
     def gaps(self) -> tuple[tuple[int, int], ...]:

@@ -15,19 +15,22 @@ from ..cores import allowed_cores
 from ..parsing import arguments
 from ..plugins import load_plugins
 from ..receiver.altimeter_settings import AltimeterSettings
+from ..receiver.frame_quality import FrameQuality
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
-from .beyond_span import BeyondSpan
 from .blanking import Blanking
 from .custom import Custom
 from .hybrid import Hybrid
 from .identity import Identity
+from .imat import Imat
 from .lms import BlockLms, BlockLmsReferenceInput, Nlms
 from .ofdm_cancel import OfdmCancel
 from .own_process import OwnProcess
 from .prediction import LinearPrediction, NlmsPredictor
 from .qpsk_cancel import QpskCancel
+from .stft_cfar import StftCfar
 from .tcae import Tcae
+from .time_frequency import TimeFrequency
 from .whitening import Whitening
 
 __all__ = [
@@ -53,7 +56,10 @@ for _method in (
     NlmsPredictor,
     LinearPrediction,
     Whitening,
+    TimeFrequency,
     Blanking,
+    StftCfar,
+    Imat,
     OfdmCancel,
     QpskCancel,
     Tcae,
@@ -173,7 +179,7 @@ def create(
             or parameters.get("span_m")
             or AltimeterSettings().resolved(waveform).max_altitude_m
         )
-        built.beyond_span = BeyondSpan(waveform, span_m)
+        built.frame_quality = FrameQuality(waveform, span_m)
     return built
 
 

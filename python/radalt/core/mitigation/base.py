@@ -1,15 +1,14 @@
 """The one interface of every mitigation method."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
 import numpy as np
-from scipy.linalg import blas
 
+from ..receiver.frame_quality import levels, rail_peak
 from ..waveform import Waveform
-from .beyond_span import BeyondSpan
 
 _RESERVED = ("custom", "mitigation")  # the method of a file, and no method's name
 
@@ -64,6 +63,8 @@ class Mitigation(ABC):
         Options that earlier releases had, and what to do about each.
     beyond_frames : int
         Frames that passed unchanged because the ground lies beyond the span (`BeyondSpan`).
+    frame_quality : callable
+        Gives the quality of frames (n, N) that come without: a `FrameQuality` of the span that `create` was given.
     outside_cpu_ns : int
         CPU time spent on frames outside the calling thread, in nanoseconds; 0 except for `OwnProcess`.
 
@@ -79,7 +80,8 @@ class Mitigation(ABC):
     runs_network: ClassVar[bool] = False
     removed: ClassVar[Mapping[str, str]] = {}
     outside_cpu_ns = 0
-    beyond_span: BeyondSpan | None = None  # what `create` gives it; a method inside another one needs none
+    # a method inside another one needs no more: its frames have been examined
+    frame_quality: Callable[[np.ndarray], np.ndarray] = staticmethod(levels)
 
     def __init__(self, waveform: Waveform) -> None:
         self.waveform = waveform
@@ -91,11 +93,12 @@ class Mitigation(ABC):
         self.diverged_frames = 0
         self.beyond_frames = 0
 
-    def process(self, frames: np.ndarray) -> np.ndarray:
+    def process(self, frames: np.ndarray, quality: np.ndarray | None = None) -> np.ndarray:
         """Clean ``(n, N)`` or ``(N,)`` complex64 frames; the input is left untouched.
 
         Frames are taken in the order given; splitting a batch does not change the result. A frame that is not
-        finite gives a frame of NaN and does not touch the state, so the frame after it is right again.
+        finite gives a frame of NaN and does not touch the state, so the frame after it is right again. ``quality`` is
+        (n,) of `QUALITY_DTYPE` where the frames' is known already.
         """
         frames = np.asarray(frames, dtype=np.complex64)
         if frames.shape[-1] != self.waveform.samples_per_frame or frames.ndim not in (1, 2):
@@ -103,59 +106,30 @@ class Mitigation(ABC):
                 f"{self.name}: frames have shape {frames.shape}; expected (n, {self.waveform.samples_per_frame})"
             )
         batch = np.atleast_2d(frames)
-        if not len(batch):
-            return frames.copy()
-        beyond = self._beyond(batch)
-        if beyond is None:
-            out = self._processed(batch)
-        else:
-            out = batch.copy()
-            if not beyond.all():
-                out[~beyond] = self._processed(batch[~beyond])
+        out = np.empty_like(batch)
+        self.process_into(batch, out, quality)
         return out.reshape(frames.shape)
 
-    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+    def process_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray | None = None) -> None:
         """Like `process`, (n, N) into ``out`` of the same shape."""
-        beyond = self._beyond(frames)
-        if beyond is None:
-            self._processed_into(frames, out)
-        else:
-            out[:] = frames
-            if not beyond.all():
-                out[~beyond] = self._processed(frames[~beyond])
+        if not len(frames):
+            return
+        quality = self.frame_quality(frames) if quality is None else quality
+        self.frames += len(frames)
+        finite = np.isfinite(quality["peak"])
+        cleaned = finite & ~quality["beyond_span"]
+        if cleaned.all():
+            self._clean_into(frames, out, quality)
+            return
+        self.beyond_frames += int(np.count_nonzero(quality["beyond_span"]))
+        out[:] = np.where(finite[:, None], frames, np.complex64(np.nan))
+        if cleaned.any():
+            part = frames[cleaned]
+            self._clean_into(part, part_out := np.empty_like(part), quality[cleaned])
+            out[cleaned] = part_out
 
-    def _beyond(self, frames: np.ndarray) -> np.ndarray | None:
-        """(n,) bool: frames that pass unchanged; None where there is none."""
-        if self.beyond_span is None:
-            return None
-        beyond = self.beyond_span(frames)
-        count = int(beyond.sum())
-        self.frames += count
-        self.beyond_frames += count
-        return beyond if count else None
-
-    def _processed(self, batch: np.ndarray) -> np.ndarray:
-        """(n, N) complex64 frames cleaned; those that are not finite become NaN."""
-        self.frames += batch.shape[0]
-        finite = finite_frames(batch)
-        if finite.all():
-            out = self._clean(batch)
-        else:
-            out = np.full_like(batch, np.nan)
-            if finite.any():
-                out[finite] = self._clean(np.ascontiguousarray(batch[finite]))
-        return out.astype(np.complex64, copy=False)
-
-    def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """Like `_processed`, into ``out``; overridden where the method finds out anyway whether a frame is finite."""
-        if finite_frames(frames).all():
-            self.frames += len(frames)
-            self._clean_into(frames, out)
-        else:
-            out[:] = self._processed(frames)
-
-    def _clean_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """Like `_clean`, into ``out``; for methods that work in place."""
+    def _clean_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray) -> None:
+        """Like `_clean`, into ``out``; for methods that work in place, or use what is known of the frames."""
         out[:] = self._clean(frames)
 
     @abstractmethod
@@ -197,22 +171,6 @@ def register(cls: _Class) -> _Class:
         raise MitigationError(f"{cls.__name__}.name {cls.name!r} is taken; choose another")
     METHODS[cls.name] = cls
     return cls
-
-
-def finite_frames(batch: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether all of each (N,) complex64 frame is finite."""
-    rails = batch.view(np.float32)
-    # a third of the time of einsum, and a sixth of that of a sum in float64; but squares may overflow
-    energy = [blas.sdot(row, row) for row in rails]
-    if np.isfinite(energy).all():
-        return np.ones(len(rails), dtype=bool)
-    return np.isfinite(rails.sum(axis=1, dtype=np.float64))
-
-
-def rail_peak(batch: np.ndarray) -> np.ndarray:
-    """(n, 1) float32 largest rail value of each (n, N) complex64 frame, not finite where the frame is not."""
-    rails = batch.view(np.float32)
-    return np.maximum(rails.max(axis=1, keepdims=True), -rails.min(axis=1, keepdims=True))
 
 
 def peak_scale(batch: np.ndarray, peak: np.ndarray | None = None) -> np.ndarray:

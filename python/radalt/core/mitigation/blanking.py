@@ -1,10 +1,9 @@
 """Blanking: excise what stands out in the time-frequency plane, except where the return can be."""
 
 import numpy as np
-from scipy import fft
 
-from ..fir import cosine_window
 from ..returns.point import point_return
+from ..stft import Stft
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
@@ -48,16 +47,7 @@ class Blanking(Mitigation):
         if not (np.isfinite(threshold_db) and threshold_db > 0):
             raise MitigationError(f"blanking.threshold_db is {threshold_db!r}; it has to be above 0")
         self.window, self.threshold_db, self.max_altitude_m = window, threshold_db, max_altitude_m
-        self._hop = window // 4
-        self._taper = cosine_window("hann", window, periodic=True).astype(np.float32)
-        hops = -(-n // self._hop) + 3
-        self._padded = (hops - 1) * self._hop + window
-        norm = np.zeros(self._padded)
-        for h in range(hops):
-            norm[h * self._hop : h * self._hop + window] += self._taper.astype(float) ** 2
-        lead = window - self._hop
-        self._norm = (1.0 / norm[lead : lead + n]).astype(np.float32)
-        self._hops = hops
+        self._stft = Stft(n, window)
         super().__init__(waveform)
         mask = self._return_mask()
         self._in_mask, self._elsewhere = np.flatnonzero(mask), np.flatnonzero(~mask)
@@ -68,19 +58,11 @@ class Blanking(Mitigation):
 
     def _return_mask(self) -> np.ndarray:
         """(hops, window) bool: cells that a return between 0 and the highest altitude can occupy."""
-        mask = np.zeros((self._hops, self.window), dtype=bool)
+        mask = np.zeros((self._stft.hops, self.window), dtype=bool)
         for altitude in np.linspace(0.0, self.max_altitude_m, 8):
-            power = np.abs(self._stft(point_return(self.waveform, altitude))) ** 2
+            power = np.abs(self._stft.forward(point_return(self.waveform, altitude))) ** 2
             mask |= power > 1e-3 * np.median(power.max(axis=1))
         return mask
-
-    def _stft(self, frame: np.ndarray) -> np.ndarray:
-        """(N,) -> (hops, window) complex64."""
-        lead = self.window - self._hop
-        padded = np.zeros(self._padded, dtype=np.complex64)
-        padded[lead : lead + frame.size] = frame
-        views = np.lib.stride_tricks.sliding_window_view(padded, self.window)[:: self._hop]
-        return fft.fft(views * self._taper, axis=-1, overwrite_x=True)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         # frame by frame: the planes of several frames do not fit the cache
@@ -92,7 +74,7 @@ class Blanking(Mitigation):
 
     def _blanked(self, frame: np.ndarray) -> np.ndarray:
         """(N,) frame of unit peak without the cells that exceed their level."""
-        plane = self._stft(frame)
+        plane = self._stft.forward(frame)
         power = plane.real**2
         power += plane.imag**2
         factor = np.float32(10.0 ** (self.threshold_db / 10.0))
@@ -101,24 +83,12 @@ class Blanking(Mitigation):
         off = _lower_quartile(power.take(self._elsewhere)) * np.float32(2.41)
         # in the mask: the return is as strong as the strongest masked cell of an undisturbed hop
         masked = power.take(self._in_mask)
-        strongest = np.zeros(self._hops, dtype=np.float32)
+        strongest = np.zeros(self._stft.hops, dtype=np.float32)
         strongest[self._mask_hops] = np.maximum.reduceat(masked, self._mask_firsts)
         excised = power > off * factor
         excised.reshape(-1)[self._in_mask] &= masked > _lower_quartile(strongest) * factor
         np.copyto(plane, 0, where=excised)
-        return self._overlap_add(fft.ifft(plane, axis=-1, overwrite_x=True))
-
-    def _overlap_add(self, pieces: np.ndarray) -> np.ndarray:
-        """(hops, window) -> (N,), weighted so that an untouched plane gives the frame back; ``pieces`` is used up."""
-        hops = self._hops
-        pieces *= self._taper
-        quarters = pieces.reshape(hops, 4, self._hop)
-        out = np.zeros((hops + 3, self._hop), dtype=np.complex64)
-        for quarter in range(4):
-            out[quarter : quarter + hops] += quarters[:, quarter]
-        lead = self.window - self._hop
-        samples = self.waveform.samples_per_frame
-        return out.reshape(-1)[lead : lead + samples] * self._norm
+        return self._stft.inverse(plane)
 
 
 def _lower_quartile(cells: np.ndarray) -> np.float32:

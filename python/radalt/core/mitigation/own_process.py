@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cores import leave_home, return_home
+from ..receiver.frame_quality import QUALITY_DTYPE
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 
@@ -25,10 +26,10 @@ _FRAMES = 64  # received frames, and cleaned frames, in the shared memory
 _START_S = 120.0  # longest wait until a method is built, s: a network on a loaded machine takes tens
 _END_S = 5.0  # longest wait until a closed process has ended, s
 # Messages are bytes, since pickled objects cost a tenth of a frame. Requests: the method's parameters (pickled), then a
-# span of frames or one of these two words. Answers, distinguished by their first byte: nanoseconds of CPU time and
-# diverged frames, a status (pickled), or the text of an error.
+# span of frames, and whether their quality is known, or one of these two words. Answers, distinguished by their first
+# byte: nanoseconds of CPU time and diverged frames, a status (pickled), or the text of an error.
 _RESET, _STATUS = b"reset", b"status"
-_SPAN, _DONE = struct.Struct("<ii"), struct.Struct("<cqq")
+_SPAN, _DONE = struct.Struct("<ii?"), struct.Struct("<cqq")
 # Environment for one thread of linear algebra: matrices are small, and a second would take the flowgraph's core.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 # Program of the process. It imports this module by the parent's name and path, so that the parent's plugins register
@@ -74,8 +75,8 @@ class OwnProcess(Mitigation):
         self.name, self._batch = method, int(batch)
         n = waveform.samples_per_frame
         with tempfile.TemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as file:
-            file.truncate(2 * _FRAMES * n * np.dtype(np.complex64).itemsize)
-            self._received, self._cleaned = _map(file.fileno(), n)
+            file.truncate(_FRAMES * (2 * n * np.dtype(np.complex64).itemsize + QUALITY_DTYPE.itemsize))
+            self._received, self._cleaned, self._quality = _map(file.fileno(), n)
             self._link, theirs = Pipe()
             self._process = _start(theirs, file.fileno())
         theirs.close()
@@ -105,28 +106,24 @@ class OwnProcess(Mitigation):
         """End the process; also done when this object, or the program, goes."""
         self._finalizer()
 
-    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """See `Mitigation.process_into`; the method itself handles values that are not finite."""
+    def process_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray | None = None) -> None:
+        """See `Mitigation.process_into`; while some frames are computed others are copied."""
         self.frames += len(frames)
-        self._exchange(frames, out)
-
-    def _clean(self, batch: np.ndarray) -> np.ndarray:
-        out = np.empty_like(batch)
-        self._exchange(batch, out)
-        return out
-
-    def _exchange(self, received: np.ndarray, cleaned: np.ndarray) -> None:
-        """(n, N) frames over and back; while some are computed others are copied."""
-        for first in range(0, len(received), _FRAMES):
-            there, back = received[first : first + _FRAMES], cleaned[first : first + _FRAMES]
+        for first in range(0, len(frames), _FRAMES):
+            there, back = frames[first : first + _FRAMES], out[first : first + _FRAMES]
+            if quality is not None:
+                self._quality[: len(there)] = quality[first : first + _FRAMES]
             spans = [slice(i, min(i + self._batch, len(there))) for i in range(0, len(there), self._batch)]
             with self._lock:
                 for span in spans:
                     self._received[span] = there[span]
-                    self._ask(_SPAN.pack(span.start, span.stop))
+                    self._ask(_SPAN.pack(span.start, span.stop, quality is not None))
                 for span in spans:
                     self._done()
                     back[span] = self._cleaned[span]
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        raise NotImplementedError("the method cleans in its own process")
 
     def _ask(self, request: bytes) -> None:
         try:
@@ -172,10 +169,11 @@ class OwnProcess(Mitigation):
         return status | {"frames": self.frames, "process_id": self.process_id}
 
 
-def _map(memory: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Received and cleaned frames, each (frames, N) complex64, in the memory of a file."""
-    both = np.frombuffer(mmap.mmap(memory, 0), dtype=np.complex64).reshape(2, _FRAMES, samples)
-    return both[0], both[1]
+def _map(memory: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Received and cleaned frames, each (frames, N) complex64, and their quality, in the memory of a file."""
+    shared, count = mmap.mmap(memory, 0), 2 * _FRAMES * samples
+    both = np.frombuffer(shared, dtype=np.complex64, count=count).reshape(2, _FRAMES, samples)
+    return both[0], both[1], np.frombuffer(shared, dtype=QUALITY_DTYPE, offset=both.nbytes)
 
 
 def _start(link: Connection, memory: int) -> subprocess.Popen:
@@ -210,7 +208,7 @@ def serve(link: int, memory: int) -> None:
             if cores:
                 os.sched_setaffinity(0, cores)
             method = create(name, Waveform(**waveform), **parameters)
-            received, cleaned = _map(memory, method.waveform.samples_per_frame)
+            received, cleaned, quality = _map(memory, method.waveform.samples_per_frame)
             request = _STATUS
             while True:
                 begin = time.process_time_ns()
@@ -219,8 +217,9 @@ def serve(link: int, memory: int) -> None:
                 elif request == _RESET:
                     method.reset()
                 else:
-                    span = slice(*_SPAN.unpack(request))
-                    method.process_into(received[span], cleaned[span])
+                    first, last, known = _SPAN.unpack(request)
+                    span = slice(first, last)
+                    method.process_into(received[span], cleaned[span], quality[span] if known else None)
                 if request != _STATUS:
                     spent = time.process_time_ns() - begin
                     requests.send_bytes(_DONE.pack(b"D", spent, method.diverged_frames))

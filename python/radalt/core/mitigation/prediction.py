@@ -41,7 +41,7 @@ class NlmsPredictor(Mitigation):
 
     name = "nlms_predictor"
     style = PlotStyle("#666666", "p", "--")
-    batch = 16  # frames share the calls per block
+    batch = 64  # frames share the calls per block
 
     def __init__(self, waveform: Waveform, *, length: int = 32, step: float = 0.1) -> None:
         if not (isinstance(length, int) and 1 <= length <= 256):

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..receiver.altimeter import Altimeter, AltimeterSettings, Reason, shared_altimeter
 from ..receiver.altimeter_settings import FASTEST_M_PER_S
+from ..receiver.frame_quality import levels
 from ..waveform import Waveform, exp_cycles
-from .base import finite_frames, peak_scale
+from .base import peak_scale
 from .interference_detector import InterferenceDetector
 
 _SHIFT_CELLS = 5.0  # shift, resolution cells; 3, 5 and 8 find the same
@@ -123,7 +124,7 @@ class ShiftCheck:
         ):  # a rail of 1e38 overflows when its phase is rotated
             there = np.where(self._is_low(cleaned)[:, None], self._up, self._down)
             moved = frames * there
-            fits = finite_frames(moved)
+            fits = np.isfinite(levels(moved)["peak"])
             if fits.any():
                 out[fits] = clean(moved[fits]) * there[fits].conj()
         return out

@@ -222,17 +222,14 @@ class Tcae(Mitigation):
         self.unconfirmed_frames = 0
         self.flat_frames = 0
 
-    def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """See `Mitigation._processed_into`; frames that need nothing but the network are written where they belong."""
+    def _clean_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray) -> None:
+        """See `Mitigation._clean_into`; frames that need nothing but the network are written where they belong."""
         plain = self._detector is None and self._white is None and self._shift_check is None
-        if plain and frames.shape[-1] == self._samples:
-            filled = self._filled(frames)  # first, so that the next reader finds the frames in the cache
-            if all(map(math.isfinite, filled[0])) and not _constant_modulus(frames).any():
-                self.frames += len(frames)
-                self._run(filled, out)
-                self._skip_lost(frames, out)
-                return
-        super()._processed_into(frames, out)
+        if plain and frames.shape[-1] == self._samples and not _constant_modulus(frames).any():
+            self._run(self._filled(frames), out)
+            self._skip_lost(frames, out)
+        else:
+            out[:] = self._clean(frames)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         flat = _constant_modulus(batch)

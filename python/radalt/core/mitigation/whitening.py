@@ -3,8 +3,9 @@
 import numpy as np
 from scipy import fft, ndimage
 
+from ..receiver.frame_quality import levels
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle, rail_peak, unit_peak
+from .base import Mitigation, MitigationError, PlotStyle, unit_peak
 
 _SEAM_S = 5e-6  # decay time of the filter's response, s; a return loses 0.05 dB
 # frames whose gains are computed at once, in arrays that fit the cache: 0.98 of the time of sixteen
@@ -47,22 +48,13 @@ class Whitening(Mitigation):
         self._floor = np.full(waveform.samples_per_frame, 1e-6, dtype=np.float32)
         super().__init__(waveform)
 
-    def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """See `Mitigation._processed_into`; a frame's peak, needed anyway, says whether it is finite."""
-        peak = rail_peak(frames)
-        if np.isfinite(peak).all():
-            self.frames += len(frames)
-            self._clean_into(frames, out, peak)
-        else:
-            super()._processed_into(frames, out)
-
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
-        self._clean_into(batch, out)
+        self._clean_into(batch, out, levels(batch))
         return out
 
-    def _clean_into(self, frames: np.ndarray, out: np.ndarray, peak: np.ndarray | None = None) -> None:
-        spectrum = fft.fft(unit_peak(frames, out, peak), axis=1, overwrite_x=True)
+    def _clean_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray) -> None:
+        spectrum = fft.fft(unit_peak(frames, out, quality["peak"][:, None]), axis=1, overwrite_x=True)
         for first in range(0, len(out), _GAINS):
             part = slice(first, first + _GAINS)
             np.multiply(spectrum[part], self._gains(spectrum[part]), out=out[part])

@@ -6,7 +6,7 @@
 """
 
 from .files import check_file, load_yaml, read_bytes, read_text
-from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
+from .mappings import LARGEST, arguments, build, convert, listed, plain, quantity, whole
 from .messages import InputError, check_range, did_you_mean, shown
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "check_range",
     "convert",
     "did_you_mean",
+    "listed",
     "load_yaml",
     "plain",
     "quantity",

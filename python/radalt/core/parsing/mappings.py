@@ -12,7 +12,7 @@ import re
 import sys
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +78,7 @@ def build(
             name = shown(key).strip("'")
             path = f"{where}.{name}" if where else name
             raise ValueError(
-                f"unknown key {path!r}; {did_you_mean(name, fields)}allowed: {_listed(sorted(fields))}"
+                f"unknown key {path!r}; {did_you_mean(name, fields)}allowed: {listed(sorted(fields))}"
             )
         path = f"{where}.{key}" if where else key
         convert_field = (special or {}).get(key)
@@ -92,7 +92,7 @@ def build(
         raise ValueError(text if not where or where.split(".")[-1] in text else f"{where}: {text}") from None
 
 
-def _listed(names: list[str]) -> str:
+def listed(names: Iterable[str]) -> str:
     """Names with commas, as many as fit a line."""
     text = ", ".join(names)
     return text if len(text) <= 140 else text[:140].rpartition(",")[0] + ", ..."
@@ -215,7 +215,7 @@ def arguments(method: type, given: dict[str, Any], where: str) -> dict[str, Any]
     for key in given:
         if key not in known and not any(p.kind is p.VAR_KEYWORD for p in parameters):
             raise ValueError(
-                f"{where}.{key} is unknown; {did_you_mean(key, known)}allowed: {_listed(known) or 'nothing'}"
+                f"{where}.{key} is unknown; {did_you_mean(key, known)}allowed: {listed(known) or 'nothing'}"
             )
     return {
         key: convert(hints[key], value, f"{where}.{key}")

@@ -251,6 +251,11 @@ class Altimeter(BeatSpectra):
         ok = usable & (found.reason == Reason.OK)
         altitude = self._altitude(up, down, timing_offset_s)
         inside = self._inside(altitude)
+        if (
+            self.settings.strategy == "strongest"
+        ):  # of spread ground the edge may lie within, and the peak beyond
+            declared = np.nonzero(ok & inside)[0]
+            inside[declared] = self.beyond(spectra, declared) < 1.0
         reason = np.where(ok & ~inside, Reason.OUT_OF_RANGE, found.reason)
         ok &= inside
         out["altitude_m"] = out["forced_altitude_m"] = altitude

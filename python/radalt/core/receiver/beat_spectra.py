@@ -19,6 +19,7 @@ from scipy import fft
 from ..fir import cosine_window
 from ..waveform import Waveform, altitude_to_delay_s
 from .altimeter_settings import FASTEST_M_PER_S, AltimeterSettings
+from .beyond_span import WEAKEST, BeyondSpan
 from .cfar import support_of
 from .decimator import Decimator
 
@@ -46,12 +47,15 @@ class Spectra:
         Cells' beat frequencies.
     scale : (n,) float32
         Largest rail of the decimated beats, by which each frame was divided; 0 or not finite where it is unusable.
+    frames : (n, N) complex64 or None
+        What they are of, for `BeatSpectra.beyond`; None of spectra that are no single frame's.
     """
 
     power: np.ndarray
     support: np.ndarray
     beat_hz: np.ndarray
     scale: np.ndarray
+    frames: np.ndarray | None = None
 
 
 class BeatSpectra:
@@ -69,6 +73,7 @@ class BeatSpectra:
         self.settings = settings
         self._plan_band()
         self._build_tables()
+        self._beyond_span = BeyondSpan(waveform, settings.max_altitude_m)
 
     def _plan_band(self) -> None:
         """Beat band, decimation and FFT size from the span of altitudes."""
@@ -188,7 +193,22 @@ class BeatSpectra:
             rails *= rails
             power = np.add(rails[..., ::2], rails[..., 1::2])
             power *= self._equaliser
-        return Spectra(power, support, self.beat_hz, scale)
+        return Spectra(power, support, self.beat_hz, scale, frames)
+
+    def beyond(self, spectra: Spectra, at: np.ndarray) -> np.ndarray:
+        """(k,) power of the strongest line beyond the span over that within it, of frames at (k,) places; 0 of none.
+
+        Searched for only where the energy of the frame beside its lines within the span leaves room for one.
+        """
+        out = np.zeros(len(at))
+        if spectra.frames is None:
+            return out
+        within = spectra.power[at].max(axis=-1).sum(axis=-1) * spectra.scale[at].astype(float) ** 2
+        for k, frame in enumerate(spectra.frames[place] for place in at):
+            energy = np.vdot(frame, frame).real / self.waveform.samples_per_half
+            if energy > (1.0 + WEAKEST) * within[k]:
+                out[k] = self._beyond_span.ratio(frame[None])[0]
+        return out
 
     def _cells(self, low: np.ndarray) -> np.ndarray:
         """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats.

@@ -25,6 +25,8 @@ class Scan:
         Seconds from there to the end of the block's last frame, for which the altitude is given.
     residual_m : float
         Altitude that the frames' residual timing offset adds.
+    beyond : float
+        Median power of the strongest line beyond the span over that within it, in the frames before mitigation.
     sum_received : callable or None
         Makes the block of the same frames before mitigation; called at most once, and only if it is needed. None where
         there are no such frames.
@@ -34,6 +36,7 @@ class Scan:
     middle: float
     lead_s: float
     residual_m: float = 0.0
+    beyond: float = 0.0
     sum_received: Callable[[], Block] | None = None
 
     @cached_property

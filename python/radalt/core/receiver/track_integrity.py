@@ -132,6 +132,7 @@ class Integrity:
         any_speed = block.strongest(away)
         outdone = rival is not None and _exceeds(rival, found, 0.0)
         outdone |= any_speed is not None and _exceeds(any_speed, found, _ANY_SPEED_SIGMAS)
+        outdone |= scan.beyond >= self._shares[0]  # farther up
         if outdone or block.lobe_from_beyond(found) or block.contradicted(found):
             return True
         here_m = found.altitude_m + scan.residual_m

@@ -37,6 +37,8 @@ _LONGEST_GAP_S = 10.0
 _SAME_TIMING_S = 2e-9
 # Cells of each half sweep that distinguish frames: eight values of noise agree by chance in none of 1e20.
 _MARKED_CELLS = 4
+# One frame of so many is searched for lines beyond the span, five per block.
+_BEYOND_STEP = 8
 
 
 class AltitudeTracker:
@@ -93,6 +95,7 @@ class AltitudeTracker:
         lowest_start_m = settings.leakage_m or -np.inf
         if settings.leakage_m is None and self.integrator.doppler:
             lowest_start_m = REACH_M
+        self._beyond_span = altimeter.beyond
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
@@ -103,7 +106,7 @@ class AltitudeTracker:
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)
-        self._offset_s = np.empty(self.frames)
+        self._offset_s, self._beyond = np.empty((2, self.frames))
         self._here = np.empty(self.frames, dtype=np.int8)
         self.reset()
 
@@ -172,13 +175,17 @@ class AltitudeTracker:
             raw = ratio if received is None else self.integrator.normalise(received)
             self._beside = received is not None
             index = np.asarray(index)
-            frozen = self._frozen(spectra if received is None else received)
+            before = spectra if received is None else received
+            frozen = self._frozen(before)
+            beyond = np.full(n, np.nan)
+            some = np.nonzero(index % _BEYOND_STEP == 0)[0]
+            beyond[some] = self._beyond_span(before, some)
             if frozen.any():
                 ratio = np.where(frozen[:, None, None], np.float32(np.nan), ratio)
             cuts = np.nonzero((np.diff(index) <= 0) | (np.diff(index // self.frames) != 0))[0] + 1
             for first, last in zip([0, *cuts], [*cuts, n], strict=True):
                 part = slice(first, last)
-                self._take(ratio[part], raw[part], index[part], offset[part], out)
+                self._take(ratio[part], raw[part], index[part], offset[part], beyond[part], out)
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
@@ -191,7 +198,13 @@ class AltitudeTracker:
         return again
 
     def _take(
-        self, ratio: np.ndarray, raw: np.ndarray, index: np.ndarray, offset: np.ndarray, out: list[tuple]
+        self,
+        ratio: np.ndarray,
+        raw: np.ndarray,
+        index: np.ndarray,
+        offset: np.ndarray,
+        beyond: np.ndarray,
+        out: list[tuple],
     ) -> None:
         """Store frames of one block, index rising."""
         number = int(index[0]) // self.frames
@@ -206,7 +219,8 @@ class AltitudeTracker:
             self._open(number)
             self._started_at = int(index[0]) % self.frames
         at = index - number * self.frames
-        self._ratio[at], self._received[at], self._offset_s[at] = ratio, raw, offset
+        self._ratio[at], self._received[at] = ratio, raw
+        self._offset_s[at], self._beyond[at] = offset, beyond
         self._here[at] = np.where(np.isnan(ratio[:, 0, 0]) | np.isnan(raw[:, 0, 0]), 2, 1)
         self._next_in_block = int(index[-1]) + 1
         if at[-1] == self.frames - 1:
@@ -251,12 +265,14 @@ class AltitudeTracker:
     def _scan(self, at: np.ndarray, last: int) -> Scan:
         """The frames at these places of the block that ends with frame ``last``."""
         block = Block(self.integrator, self._ratio[at], at.astype(float))
+        beyond = self._beyond[at][np.isfinite(self._beyond[at])]
         return Scan(
             block,
             middle=last - self.frames + 1 + block.middle,
             # a sawtooth measures the altitude of an instant ahead of the block's middle, or behind it
             lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s,
             residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
+            beyond=float(np.median(beyond)) if beyond.size else 0.0,
             sum_received=(lambda: Block(self.integrator, self._received[at], at.astype(float)))
             if self._beside
             else None,

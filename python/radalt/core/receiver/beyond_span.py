@@ -1,16 +1,16 @@
-"""Ground beyond the span of altitudes: a method must not turn it into a low altitude.
+"""Ground beyond the span of altitudes: nothing within the span is the ground then, and no method may make it so.
 
 A method that depends on the span (a network, a short filter) aliases a return from beyond it into the span: the
 filterbank of the shipped network has one column per 30 samples, so 2,600 m appear as 103 m. The received frame shows
 where the ground is: dechirped, a return is one line in each half sweep, at any height up to Nyquist. Where the
-strongest pair of lines lies beyond the span, the frame passes unchanged, and the altimeter then finds nothing.
+strongest pair of lines lies beyond the span, the frame passes every method unchanged, and the altimeter declares none.
 """
 
 import numpy as np
 from scipy import fft, ndimage
 
-from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform
+from .altimeter_settings import FASTEST_M_PER_S
 
 # Resolution cells beyond the highest altitude from which the altimeter itself declares no return.
 _MARGIN_CELLS = 2
@@ -20,6 +20,9 @@ _PFA = 1e-5
 _FLOOR = 3.0
 # Training cells on either side of a line, and guard cells next to it.
 _TRAIN, _GUARD = 64, 2
+# Least power of a pair of lines beyond the span over that within it (-10 dB): weaker ones are no rival of anything.
+# Each half sweep has to show half of that.
+WEAKEST = 0.1
 
 
 class BeyondSpan:
@@ -55,8 +58,12 @@ class BeyondSpan:
         self._count = min(self._below + half // 2 + reach + 1, half)  # cells up to Nyquist, and a Doppler
         # both halves mixed so that a return has a positive beat, the lowest cell first
         turn = np.exp(2j * np.pi * self._below * np.arange(half) / half)
+        self._rising = [slope > 0 for slope in waveform.half_slopes]
         reference = waveform.reference.astype(np.complex128).reshape(2, half)
-        self._table = (np.stack([reference[0], reference[1].conj()]) * turn).astype(np.complex64)
+        rows = [row if up else row.conj() for row, up in zip(reference, self._rising, strict=True)]
+        self._table = (np.stack(rows) * turn).astype(np.complex64)
+        # share of the half sweep, per cell of a beat, that its delay leaves on the other slope
+        self._delay_share = cell_hz / (waveform.slope_hz_per_s * waveform.half_sweep_s)
         trials = self._count * (2 * reach + 1.0)
         level = 2.0
         while trials * (1.0 + level) * np.exp(-level) > _PFA:
@@ -65,31 +72,39 @@ class BeyondSpan:
 
     def __call__(self, frames: np.ndarray) -> np.ndarray:
         """(n,) bool of (n, N) complex64 frames; False where a frame is not finite."""
-        out = np.zeros(len(frames), dtype=bool)
-        if self._first >= self._count - self._reach:  # the span reaches up to Nyquist
-            return out
-        for k, frame in enumerate(frames.reshape(-1, 2, self._half)):  # frame by frame, in the cache
-            out[k] = self._shows(frame)
+        return self.ratio(frames) >= 1.0
+
+    def ratio(self, frames: np.ndarray) -> np.ndarray:
+        """(n,) power of the strongest pair of lines beyond the span over that within; 0 below -10 dB, or of noise."""
+        out = np.zeros(len(frames))
+        if self._first < self._count - self._reach:  # else the span reaches up to Nyquist
+            with np.errstate(invalid="ignore", over="ignore"):
+                for k, frame in enumerate(frames.reshape(-1, 2, self._half)):  # frame by frame, in the cache
+                    out[k] = self._ratio(frame)
         return out
 
-    def _shows(self, halves: np.ndarray) -> bool:
-        beats = np.empty_like(halves)
-        np.conjugate(halves[0], out=beats[0])
-        beats[1] = halves[1]
-        with np.errstate(invalid="ignore", over="ignore"):
-            beats *= self._table
-            spectrum = fft.fft(beats, axis=-1, overwrite_x=True)[:, : self._count]
-            power = spectrum.real**2
-            power += spectrum.imag**2
-            reach = self._reach
-            partner = ndimage.maximum_filter1d(power[1], 2 * reach + 1, mode="constant")
-            up = int((power[0] + partner).argmax())
-            low = max(up - reach, 0)
-            down = low + int(power[1, low : up + reach + 1].argmax())
-            if up + down < 2.0 * self._first:
-                return False
-            each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
-            return sum(each) > self._threshold and min(each) >= _FLOOR
+    def _ratio(self, halves: np.ndarray) -> float:
+        # an up cell from here on has its return beyond the span, whatever its Doppler; two cells lower within it
+        reach, first = self._reach, int(self._first) + 1
+        power = np.empty((2, self._count - 1), dtype=np.float32)
+        for half in range(2):
+            beats = (halves[half].conj() if self._rising[half] else halves[half]) * self._table[half]
+            spectrum = fft.fft(beats, overwrite_x=True)[: self._count]
+            cells = spectrum.real**2
+            cells += spectrum.imag**2
+            np.add(cells[:-1], cells[1:], out=power[half])  # a line between two cells loses less
+            if not power[half, first:].max() >= 0.5 * WEAKEST * power[half, : first - 2].max():
+                return 0.0
+        pair = power[0] + ndimage.maximum_filter1d(power[1], 2 * reach + 1, mode="constant")
+        up = first + int(pair[first:].argmax())
+        low = max(up - reach, first)
+        down = low + int(power[1, low : up + reach + 1].argmax())
+        each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
+        if not (sum(each) > self._threshold and min(each) >= _FLOOR):
+            return 0.0
+        line = float(power[0, up] + power[1, down]) / (1.0 - self._delay_share * (up - self._below)) ** 2
+        ratio = line / max(float(pair[: first - 2].max()), 1e-30)
+        return ratio if ratio >= WEAKEST else 0.0
 
     def _significance(self, power: np.ndarray, cell: int) -> float:
         """-log of the probability that noise as that around a cell reaches its power."""
