@@ -77,7 +77,7 @@ class MaskedPoints:
 
     def half_distance(self) -> float:
         """Squared half distance of the points of the highest QAM order in use, their power being 1."""
-        order = max((n for n in QAM if self.shares[n].mean() > 0.05), default=1)
+        order = max((n for n in QAM if self.shares[n].mean() > 0.05), default=2)
         return 1.5 / (4 ** (order - 1) - 1)
 
     def fit(
