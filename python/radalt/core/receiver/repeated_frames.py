@@ -95,7 +95,7 @@ class RepeatedNoise:
     def check(self, spectra: Spectra, usable: np.ndarray) -> np.ndarray:
         """(k,) bool, of the usable ones of these frames, (n,) bool: those of a receiver that repeats."""
         again = np.zeros(int(usable.sum()), dtype=bool)
-        if spectra.cells is None:
+        if spectra.cells is None or not again.size:
             return again
         cells, at = spectra.cells[usable], self._at
         cells[:, self._rising] = cells[:, self._rising].conj()  # as received: one phase for both half sweeps
