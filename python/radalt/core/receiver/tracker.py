@@ -180,7 +180,7 @@ class AltitudeTracker:
             self._beside = received is not None
             index = np.asarray(index)
             before = spectra if received is None else received
-            frozen = self._frozen(before)
+            frozen = self._frozen(before, spectra)
             beyond = np.full(n, np.nan)
             some = np.nonzero(index % _BEYOND_STEP == 0)[0]
             beyond[some] = self._beyond_span(before, some)
@@ -193,14 +193,14 @@ class AltitudeTracker:
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
-    def _frozen(self, spectra: Spectra) -> np.ndarray:
+    def _frozen(self, spectra: Spectra, cleaned: Spectra) -> np.ndarray:
         """(n,) bool: frames with a signal that repeat an earlier one, by cells of their spectra."""
         usable = (spectra.scale > 0) & np.isfinite(spectra.scale)
         again = np.zeros(len(usable), dtype=bool)
         if self._repeated is not None:
             again[usable] = self._repeated.check(spectra.power[usable, :, :_MARKED_CELLS])
         if self._repeated_noise is not None:
-            again[usable] |= self._repeated_noise.check(spectra, usable)
+            again[usable] |= self._repeated_noise.check(spectra, cleaned, usable)
         return again
 
     def _take(
