@@ -124,6 +124,52 @@ def test_a_tracker_says_failure_of_frozen_frames(frames):
     assert np.all(exempt["status"] != Status.FAILURE)
 
 
+def statuses(frames) -> np.ndarray:
+    """What a tracker says of 40 frames at a time."""
+    tracker = AltitudeTracker(ALTIMETER)
+    outputs = [tracker.process(ALTIMETER.spectra(batch.astype(np.complex64))) for batch in frames]
+    return np.concatenate(outputs)["status"]
+
+
+def test_a_ring_of_more_than_a_second_is_a_failure_within_120_ms():
+    samples = descent(1800)[1]
+    said = statuses(samples[np.arange(first, first + 40) % 1800] for first in range(0, 2400, 40))
+    assert np.all(said[2:45] == Status.NORMAL) and np.all(said[48:] == Status.FAILURE)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda old, k: old * np.float32(1.03**k),
+        lambda old, k: old * np.exp(0.7j * k),
+        lambda old, k: old + 0.05 * (k % 3),
+        lambda old, k: old + 0.02 * np.random.default_rng(k).standard_normal(old.shape),
+    ],
+    ids=["gain", "phase", "dc", "dither"],
+)
+def test_a_buffer_that_comes_again_with_another_gain_phase_dc_or_dither_is_a_failure(change):
+    samples = descent(440)[1]
+    played = [samples[first : first + 40] for first in range(0, 440, 40)]
+    said = statuses([*played, *(change(played[-1], k) for k in range(1, 20))])
+    assert np.all(said[2:11] == Status.NORMAL) and np.all(said[14:] == Status.FAILURE)
+
+
+@pytest.mark.parametrize("speed", [0.0, -5.0])
+def test_a_hover_and_interference_that_repeats_itself_are_no_frozen_receiver(speed):
+    """A return that keeps its phase, in new noise; the same ten frames of interference again and again."""
+    rng = np.random.default_rng(3)
+    again = rng.standard_normal((10, N, 2), dtype=np.float32).view(np.complex64)[..., 0] * (speed != 0.0)
+    path = 300.0 + speed * (np.arange(2000) + 0.5) * W.sweep_s
+
+    def batch(first: int) -> np.ndarray:
+        noise = rng.standard_normal((40, N, 2), dtype=np.float32).view(np.complex64)[..., 0]
+        sent = point_return(W, path[first : first + 40], vertical_speed_m_per_s=speed)
+        return sent + noise * np.float32(np.sqrt(0.05)) + again[np.arange(first, first + 40) % 10]
+
+    said = statuses(batch(first) for first in range(0, 2000, 40))
+    assert Status.FAILURE not in said and np.mean(said[2:] == Status.NORMAL) > 0.9
+
+
 @pytest.mark.parametrize(("value", "status"), [(0.0, "FAILURE"), (0.3 - 0.2j, "FAILURE")])
 def test_a_receiver_that_gives_nothing_or_a_constant_is_a_failure(value, status):
     _, samples = descent(320)

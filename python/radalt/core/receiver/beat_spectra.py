@@ -47,8 +47,9 @@ class Spectra:
         Cells' beat frequencies.
     scale : (n,) float32
         Largest rail of the decimated beats, by which each frame was divided; 0 or not finite where it is unusable.
-    frames : (n, N) complex64 or None
-        What they are of, for `BeatSpectra.beyond`; None of spectra that are no single frame's.
+    frames, cells : (n, N), (n, 2, J) complex64 or None
+        What they are of, for `BeatSpectra.beyond`, and their roots of power with phase; None of spectra that are no
+        single frame's.
     """
 
     power: np.ndarray
@@ -56,6 +57,7 @@ class Spectra:
     beat_hz: np.ndarray
     scale: np.ndarray
     frames: np.ndarray | None = None
+    cells: np.ndarray | None = None
 
 
 class BeatSpectra:
@@ -189,11 +191,11 @@ class BeatSpectra:
             safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
             rails /= safe[:, None]
             support = support_of(low, w.samples_per_half / self.decimation)
-            rails = self._cells(low).view(np.float32)
-            rails *= rails
-            power = np.add(rails[..., ::2], rails[..., 1::2])
+            cells = self._cells(low)
+            power = cells.real**2
+            power += cells.imag**2
             power *= self._equaliser
-        return Spectra(power, support, self.beat_hz, scale, frames)
+        return Spectra(power, support, self.beat_hz, scale, frames, cells)
 
     def beyond(self, spectra: Spectra, at: np.ndarray) -> np.ndarray:
         """(k,) power of the strongest line beyond the span over that within it, of frames at (k,) places; 0 of none.

@@ -19,7 +19,7 @@ from .gate import Gate
 from .initiator import Initiator
 from .integrator import Integrator
 from .leakage import REACH_M
-from .repeated_frames import RepeatedFrames
+from .repeated_frames import RepeatedFrames, RepeatedNoise
 from .scan import Scan
 from .summed_block import Block, Measurement
 from .track import Track
@@ -50,8 +50,9 @@ class AltitudeTracker:
         Makes the spectra; its span of altitudes and its limit of vertical speed hold here, too.
     settings : TrackerSettings
     noise : bool
-        Whether the frames carry noise. Those that repeat one of the last second bit for bit are then a frozen
-        receiver's, and count as missing. A simulation without noise repeats frames rightly.
+        Whether the frames carry noise. Those that repeat one of the last second bit for bit, or the noise of those of
+        the last minute, are then a frozen receiver's, and count as missing. A simulation without noise repeats frames
+        rightly.
 
     Raises
     ------
@@ -100,6 +101,8 @@ class AltitudeTracker:
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
         self._repeated = RepeatedFrames(self.sweep_s) if noise else None
+        moves = settings.doppler is not False  # the return of a synthetic altitude keeps its phase
+        self._repeated_noise = RepeatedNoise(altimeter, self.frames) if noise and moves else None
         self._updater = Updater(gate, self._integrity)
         self._deleter = Deleter(gate, settings, self._integrity.search_threshold)
         self._initiator = Initiator(gate, self._updater, self._deleter, settings, lowest_start_m)
@@ -115,8 +118,9 @@ class AltitudeTracker:
         self._track: Track | None = None
         self._initiator.reset()
         self._deleter.reset()
-        if self._repeated is not None:
-            self._repeated.reset()
+        for repeated in (self._repeated, self._repeated_noise):
+            if repeated is not None:
+                repeated.reset()
         self._block: int | None = None  # number of the block that is being filled
         self._next_index = 0
         self._beside = False  # whether the received frames come beside the cleaned ones
@@ -176,7 +180,7 @@ class AltitudeTracker:
             self._beside = received is not None
             index = np.asarray(index)
             before = spectra if received is None else received
-            frozen = self._frozen(before)
+            frozen = self._frozen(before, spectra)
             beyond = np.full(n, np.nan)
             some = np.nonzero(index % _BEYOND_STEP == 0)[0]
             beyond[some] = self._beyond_span(before, some)
@@ -189,12 +193,14 @@ class AltitudeTracker:
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
-    def _frozen(self, spectra: Spectra) -> np.ndarray:
-        """(n,) bool: frames with a signal that repeat an earlier one, by eight cells of their spectra."""
+    def _frozen(self, spectra: Spectra, cleaned: Spectra) -> np.ndarray:
+        """(n,) bool: frames with a signal that repeat an earlier one, by cells of their spectra."""
         usable = (spectra.scale > 0) & np.isfinite(spectra.scale)
         again = np.zeros(len(usable), dtype=bool)
         if self._repeated is not None:
             again[usable] = self._repeated.check(spectra.power[usable, :, :_MARKED_CELLS])
+        if self._repeated_noise is not None:
+            again[usable] |= self._repeated_noise.check(spectra, cleaned, usable)
         return again
 
     def _take(
