@@ -81,7 +81,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("scenes", nargs="+", help="shipped ones, or YAML files")
     parser.add_argument("--frames", type=int, default=3000, help="per scene (default: %(default)s)")
-    parser.add_argument("--drop-when-slow", action="store_true", help="with the budget of searches, as with a radio")
+    parser.add_argument(
+        "--drop-when-slow", action="store_true", help="with the budget of searches, as with a radio"
+    )
     args = parser.parse_args(argv)
     threadpool_limits(1, user_api="blas")  # as in a flowgraph
     print(f"| {' | '.join(HEADINGS)} |\n|---|{'---:|' * (len(HEADINGS) - 1)}")
