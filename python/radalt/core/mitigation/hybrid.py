@@ -31,10 +31,10 @@ class Hybrid(Mitigation):
 
     Card: *choice by signal.* A frame that shows no interference passes. An emitter that was cancelled in the frame
     before is tracked. Otherwise OFDM and QPSK are searched, unless the return stands out already. A frame that cannot
-    be cancelled goes to the network as it is. So does one that was cancelled, but held a burst of QPSK or shows no return yet:
-    the network may know what error vectors hide. Where one return alone is left of it, this is the result. Otherwise
-    what the canceller left is, through the network if the frame held a burst, or if what is left is coloured and not
-    consistent with one return: symbols that the frame cuts, other emitters.
+    be cancelled goes to the network as it is. So does one that was cancelled, but held a burst of QPSK or shows no
+    return yet: the network may know what error vectors hide. Where one return alone is left of it, this is the result.
+    Otherwise what the canceller left is, through the network if the frame held a burst that was not blanked, or if what
+    is left is coloured and not consistent with one return: symbols that the frame cuts, other emitters.
 
     Every frame is searched that has to be, unless frames may be dropped. Then searches have a budget: each frame adds
     a quarter of the time that it lasts, a search spends its cost in FFTs, and none begins while the balance is
