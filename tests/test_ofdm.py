@@ -1,5 +1,7 @@
 """Cancellation of OFDM: real transmitters are demodulated blindly and subtracted; the return, and all else, is left."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,11 @@ def test_a_return_louder_than_the_distance_of_the_points_is_not_taken_for_data(s
     frames, altitude_m = received(CASES["nr20"], sir_db, 24, np.random.default_rng([31, -sir_db]))
     right, wrong = judged(single(frames)[0], altitude_m)
     assert right >= 0.9 and wrong == 0
+    stream = replace(CASES["nr20"], stream=True)
+    frames, altitude_m = received(stream, sir_db, 24, np.random.default_rng([32, -sir_db]))
+    method = create("ofdm_cancel", W)
+    right, wrong = judged(method.process(frames), altitude_m)
+    assert right >= 0.9 and wrong == 0 and method.tracked >= 20
 
 
 @pytest.mark.parametrize("case", ["evm_8", "layer_0", "noise_5", "etu", "ra4_moving"])

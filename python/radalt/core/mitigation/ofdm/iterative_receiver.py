@@ -43,6 +43,8 @@ _SAMPLED = 7  # one block of subcarriers in so many is judged when the first noi
 _UNEVEN_PENALTY = 0.05
 _RESIDUE = np.float32(0.02)  # of a known return's power: it is no exact tone
 _LEAST = np.float32(1e-9)  # of the channel's power, that of a frame being 1: a divisor
+# half the distance of 256QAM's points, squared (TS 38.211 clause 5.1.5); returns louder than that of 64QAM are visible
+_DISTANCE_256QAM, _RARE = 1.5 / 255, 0.1  # and its share of the elements, from which it counts
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 
@@ -403,7 +405,7 @@ class IterativeReceiver:
         s, num = self._s, self._num
         certain = False
         if known is None:
-            known = self._fitted_return(grid, free, found)
+            known, found = self._fitted_return(grid, free, found, tune)
             if known is not None:
                 certain = known.uncertainty.max() < 1
                 found = self._again(grid, free, found, known)
@@ -417,8 +419,7 @@ class IterativeReceiver:
                 grid = grid.retuned(grid.cfo + off)
                 found = self._again(grid, free, replace(found, phase=found.phase * back[:, None]), known)
         out = self.cancel(grid, free, found)
-        relevant = known is not None or tune or found.return_power > s.return_relevant * median(found.noise)
-        if relevant and not certain:
+        if (known is not None or tune) and not certain:
             shown = self.known_return(out * grid.carrier.conj(), grid, s.found_ratio, everywhere=True)
             if shown is not None:
                 found = self._again(grid, free, found, shown)
@@ -440,22 +441,31 @@ class IterativeReceiver:
         elements = grid.transform(found.samples * grid.carrier)
         return KnownReturn(elements, uncertainty.astype(np.float32)[:, None], everywhere)
 
-    def _fitted_return(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> KnownReturn | None:
+    def _fitted_return(
+        self, grid: ElementGrid, free: np.ndarray, found: Reception, tune: bool
+    ) -> tuple[KnownReturn | None, Reception]:
         """The return beside which masked elements are points, where one would be taken for data; else None."""
         h2 = np.maximum(power(found.channel), _LEAST)
-        masked, z = ~free & found.used, equalise(found.elements, found.channel)
+        least = self._s.return_loud * _DISTANCE_256QAM * median(h2)
+        masked, order = ~free & found.used, found.soft.order[-1][grid.segment]
+        if not (tune or found.return_power > least) or not masked.any():
+            return None, found
+        if ((1 - found.soft.control) * spread(order, self._num.block)).mean() < _RARE:
+            return None, found
+        z = equalise(found.elements, found.channel)
         points = MaskedPoints.of(z, found.noise, h2, found.soft, grid, masked)
-        least = self._s.return_loud * points.half_distance() * median(h2)
+        if tune:
+            found = replace(found, return_power=float(points.return_power(self._s.return_step_db)[0]))
         if not found.return_power > least or self.ffts + _FIT + _FINISH > self._s.most_ffts:
-            return None
+            return None, found
         self.ffts += _FIT
         factor = equalise(grid.ramp * found.phase, found.channel)
         fit = ReturnFit(points, grid, factor, self._returns, self._s)
         elements, certain = fit.best()
         if not certain.any():
-            return None
+            return None, found
         uncertainty = np.where(certain, self._s.return_fit_error, 1).astype(np.float32)
-        return KnownReturn(elements, uncertainty[fit.half][:, None], everywhere=False)
+        return KnownReturn(elements, uncertainty[fit.half][:, None], everywhere=False), found
 
     def _again(
         self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None

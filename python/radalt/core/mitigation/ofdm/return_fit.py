@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import median, power
-from .constellation import QAM, rail_index, rail_tables
+from .constellation import rail_index, rail_tables
 from .equaliser import ElementGrid
 from .return_estimation import ReturnEstimate, ReturnEstimator
 from .settings import OfdmSettings
@@ -74,11 +74,6 @@ class MaskedPoints:
         nats, _ = self._posterior(z, self.noise + powers[:, None] / self.size)
         best = int(nats.mean(axis=1).argmax())
         return powers[best], nats[best]
-
-    def half_distance(self) -> float:
-        """Squared half distance of the points of the highest QAM order in use, their power being 1."""
-        order = max((n for n in QAM if self.shares[n].mean() > 0.05), default=2)
-        return 1.5 / (4 ** (order - 1) - 1)
 
     def fit(
         self, own: np.ndarray, uncertainty: np.ndarray, half: np.ndarray, time: np.ndarray, rounds: int

@@ -1,6 +1,6 @@
 """Tracking: what one frame says of an emitter serves the next, which needs no search."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class TrackingState:
         Phase at the frame's first sample and its rate; see `phase_course`.
     level : float
         Amplitude by which frames are divided, so that the channel's scale stays.
+    return_power : float
+        Of the return in its elements, by an earlier frame.
     tones : bool
         Whether tones were removed before.
     age : int
@@ -55,6 +57,7 @@ class TrackingState:
     relative_noise: float
     course: tuple[float, float] | None
     level: float = 1.0
+    return_power: float = 0.0
     tones: bool = False
     age: int = 0
 
@@ -120,7 +123,7 @@ def tracked(
         found = receiver.loop(grid, free, found, 1, known=known)
     if found.relative_noise > settings.track_noise * state.relative_noise or found.gain < settings.evidence:
         return None
-    return found
+    return replace(found, return_power=found.return_power or state.return_power)
 
 
 def block_delay(coherence: np.ndarray, edge: np.ndarray, numerology: Numerology) -> float:
@@ -157,6 +160,7 @@ def next_state(
         relative,
         course,
         before.level if before else 1.0,
+        found.return_power,
         before.tones if before else False,
         before.age + 1 if before else 0,
     )
