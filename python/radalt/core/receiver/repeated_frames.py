@@ -92,17 +92,21 @@ class RepeatedNoise:
         self._lines, self._cells = np.zeros((0, 2), dtype=np.complex64), np.zeros((0, 2), dtype=np.int16)
         self._count = self._times = self._lag = 0
 
-    def check(self, spectra: Spectra, usable: np.ndarray) -> np.ndarray:
-        """(k,) bool, of the usable ones of these frames, (n,) bool: those of a receiver that repeats."""
+    def check(self, received: Spectra, cleaned: Spectra, usable: np.ndarray) -> np.ndarray:
+        """(k,) bool, of the usable ones of these frames, (n,) bool: those of a receiver that repeats.
+
+        By the noise of the received frames, and the return of the cleaned ones.
+        """
         again = np.zeros(int(usable.sum()), dtype=bool)
-        if spectra.cells is None:
+        if received.cells is None or cleaned.cells is None or not again.size:
             return again
-        cells, at = spectra.cells[usable], self._at
-        cells[:, self._rising] = cells[:, self._rising].conj()  # as received: one phase for both half sweeps
-        noise = cells[..., at] - 0.5 * (cells[..., at - self._per] + cells[..., at + self._per])
+        at, per = self._at, self._per
+        cells = self._as_received(received.cells[usable])
+        noise = cells[..., at] - 0.5 * (cells[..., at - per] + cells[..., at + per])
         noise /= np.maximum(np.abs(noise), np.finfo(np.float32).tiny)
         noise = noise.reshape(len(cells), -1)
-        top = spectra.power[usable].argmax(axis=-1)
+        top = cleaned.power[usable].argmax(axis=-1)
+        cells = self._as_received(cleaned.cells[usable])
         lines = np.take_along_axis(cells, top[..., None], axis=-1)[..., 0]
         first = 0
         while first < len(again):
@@ -113,6 +117,11 @@ class RepeatedNoise:
             again[first:last] = self._times >= _TIMES
             first = last
         return again
+
+    def _as_received(self, cells: np.ndarray) -> np.ndarray:
+        """Cells (n, 2, J), of a copy, with one phase for both half sweeps: those of a rising one are conjugates."""
+        cells[:, self._rising] = cells[:, self._rising].conj()
+        return cells
 
     def _store(self, noise: np.ndarray, lines: np.ndarray, cells: np.ndarray) -> None:
         at = self._count % self._memory
