@@ -83,16 +83,35 @@ def test_tones_go_to_the_network():
     ],
     ids=["bursts", "mixture", "two carriers"],
 )
-def test_searches_take_a_quarter_of_real_time_at_most(emitters, overlap):
+def test_where_frames_may_be_dropped_searches_take_a_quarter_of_real_time_at_most(emitters, overlap):
     """25 FFTs of 7,500 points of 40 us are a frame."""
     _, frames = stream(emitters, -40.0, 100, 4, overlap)
-    method, spent = create("hybrid", W, other="whitening"), 0.0
+    method, spent = create("hybrid", W, other="whitening", drop_when_slow=True), 0.0
     for frame in frames:
         before = method.searched
         method.process(frame)
         if method.searched > before:
             spent += sum(canceller.outcome.ffts for canceller in method._cancellers)
     assert 0 < spent <= 1200 + 0.25 * 25 * len(frames)  # a balance of 600, and the last search of at most 600
+
+
+def test_where_no_frame_is_dropped_every_emitter_that_is_drawn_anew_is_searched():
+    altitude_m, frames = independent([NR10], -40.0, 12, 12)
+    method = create("hybrid", W, other="whitening")
+    assert right(method.process(frames), altitude_m) >= 0.9
+    assert method.searched >= 11
+
+
+@pytest.mark.parametrize("start", range(4))
+def test_time_division_duplex_is_cancelled_wherever_it_starts(start):
+    """At -32 dB 256QAM beside a return that decisions would take for data; uplink slots are silent."""
+    emitter = NrEmitter(
+        channel_bandwidth_hz=20e6, subcarrier_spacing_hz=30e3, modulation="256qam", evm=0.035, tdd="DDDSU",
+        frame_count=2, seed=600 + start, cell_id=600 + start,
+    )  # fmt: skip
+    altitude_m, frames = stream([emitter], -32.0, 20, 600 + start)
+    assert right(frames, altitude_m) <= 0.5
+    assert right(create("hybrid", W).process(frames), altitude_m) >= 0.9
 
 
 def test_a_frame_whose_return_stands_out_is_not_searched():

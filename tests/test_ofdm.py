@@ -75,6 +75,14 @@ def test_altitudes_are_right_under_real_transmitters(case):
     assert most <= MOST_FFTS
 
 
+@pytest.mark.parametrize("sir_db", [-27, -29])
+def test_a_return_louder_than_the_distance_of_the_points_is_not_taken_for_data(sir_db):
+    """256QAM of 30 kHz: an element of the return is 11 dB above SIR, half the distance of the points at -22 dB."""
+    frames, altitude_m = received(CASES["nr20"], sir_db, 24, np.random.default_rng([31, -sir_db]))
+    right, wrong = judged(single(frames)[0], altitude_m)
+    assert right >= 0.9 and wrong == 0
+
+
 @pytest.mark.parametrize("case", ["evm_8", "layer_0", "noise_5", "etu", "ra4_moving"])
 def test_a_return_that_is_seen_without_help_is_still_seen(case):
     """What cannot be demodulated passes, and what is searched in vain costs no more than the cap."""
@@ -177,9 +185,9 @@ def test_a_stream_cut_anywhere_gives_the_same_frames():
     np.testing.assert_array_equal(parts, whole)
 
 
-def test_what_is_searched_in_vain_is_searched_less_often():
+def test_where_frames_may_be_dropped_what_is_searched_in_vain_is_searched_less_often():
     frames, _ = received(CASES["noise_5"], -40.0, 24, np.random.default_rng(7))
-    method = create("ofdm_cancel", W)
+    method = create("ofdm_cancel", W, drop_when_slow=True)
     method.process(frames)
     searched = [outcome.ffts > 50 for outcome in method.outcomes]
     patience = SETTINGS.patience

@@ -20,6 +20,8 @@ class mitigation(MitigationBlock):
         Name as in `radalt.core.mitigation.create`. Live.
     options : dict, optional
         Parameters that override the scene's.
+    drop_when_slow : bool
+        As the frame segmenter's: where frames may be dropped, `hybrid` and `ofdm_cancel` search within a budget.
 
     Example
     -------
@@ -27,13 +29,19 @@ class mitigation(MitigationBlock):
     """
 
     def __init__(
-        self, scene: Scene, method: str = "whitening", options: dict[str, Any] | None = None
+        self,
+        scene: Scene,
+        method: str = "whitening",
+        options: dict[str, Any] | None = None,
+        drop_when_slow: bool = False,
     ) -> None:
         self._scene, self._name, self._options = scene, method, options or {}
+        self._drop_when_slow = bool(drop_when_slow)
         super().__init__("radalt_mitigation", self._create(method), method_class(method).batch)
 
     def _create(self, method: str) -> Mitigation:
-        parameters = {**self._scene.method_options.get(method, {}), **self._options}
+        options = {**self._scene.method_options.get(method, {}), **self._options}
+        parameters = {"drop_when_slow": self._drop_when_slow, **options}
         parameters["max_altitude_m"] = self._scene.altimeter_settings.max_altitude_m
         return create(method, self._scene.waveform, **parameters)
 

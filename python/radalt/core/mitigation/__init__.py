@@ -126,6 +126,7 @@ def create(
     own_process: bool = False,
     batch: int = 4,
     max_altitude_m: float | None = None,
+    drop_when_slow: bool = False,
     **parameters: object,
 ) -> Mitigation:
     """A fresh method by its registry name; ``"custom"`` with ``file=`` is one of your own (`Custom`).
@@ -141,6 +142,8 @@ def create(
     max_altitude_m : float or None
         Highest altitude that the altimeter searches; None takes the altimeter's default. It is the default of
         ``span_m``, where the method has one. A frame with ground beyond it passes unchanged (`BeyondSpan`).
+    drop_when_slow : bool
+        Whether the frame segmenter drops frames where the method is too slow, for methods that then do less.
     **parameters
         Of the method.
 
@@ -157,8 +160,11 @@ def create(
     gone = next((option for option in parameters if option in method.removed), None)
     if gone is not None:
         raise MitigationError(f"{name}.{gone} is gone: {method.removed[gone]}")
-    if max_altitude_m is not None and "span_m" in inspect.signature(method).parameters:
+    known = inspect.signature(method).parameters
+    if max_altitude_m is not None and "span_m" in known:
         parameters = {"span_m": max_altitude_m, **parameters}
+    if "drop_when_slow" in known:
+        parameters["drop_when_slow"] = drop_when_slow
     if not isinstance(own_process, bool):
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:

@@ -31,16 +31,15 @@ class Hybrid(Mitigation):
 
     Card: *choice by signal.* A frame that shows no interference passes. An emitter that was cancelled in the frame
     before is tracked. Otherwise OFDM and QPSK are searched, unless the return stands out already. A frame that cannot
-    be cancelled goes to the network as it is. So does one that was cancelled, but held a burst or shows no return yet:
-    the network may know what error vectors hide. Where one return alone is left of it, this is the result. Otherwise
-    what the canceller left is, through the network if the frame held a burst, or if what is left is coloured and not
-    consistent with one return: symbols that the frame cuts, other emitters.
+    be cancelled goes to the network as it is. So does one that was cancelled, but held a burst of QPSK or shows no
+    return yet: the network may know what error vectors hide. Where one return alone is left of it, this is the result.
+    Otherwise what the canceller left is, through the network if the frame held a burst that was not blanked, or if what
+    is left is coloured and not consistent with one return: symbols that the frame cuts, other emitters.
 
-    Searches have a budget: each frame adds a quarter of the time that it lasts, a search spends its cost in FFTs, and
-    none begins while the balance is negative. So searches take a quarter of real time, whatever is received, and
-    what cannot be tracked is searched once in some 10 to 100 frames. The balance starts full: the first
-    frame after `reset` is always searched, which is how a study treats frames that are drawn independently of each
-    other.
+    Every frame is searched that has to be, unless frames may be dropped. Then searches have a budget: each frame adds
+    a quarter of the time that it lasts, a search spends its cost in FFTs, and none begins while the balance is
+    negative. So searches take a quarter of real time, whatever is received, and what cannot be tracked is searched once
+    in some 10 to 100 frames. The balance starts full: the first frame after `reset` is always searched.
 
     Parameters
     ----------
@@ -48,6 +47,8 @@ class Hybrid(Mitigation):
         For all other frames: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
     span_m : float or None
         See `OfdmCancel`.
+    drop_when_slow : bool
+        Whether frames are dropped where the method is too slow, as the frame segmenter drops them with a radio.
 
     Attributes
     ----------
@@ -68,10 +69,17 @@ class Hybrid(Mitigation):
     runs_network = True
     removed: ClassVar = {
         "joint": "QPSK and OFDM in one band are no longer demodulated jointly; leave the option out",
-        "live": "hybrid keeps up with the air always; leave the option out",
+        "live": "searches have a budget where frames may be dropped (drop_when_slow); leave the option out",
     }
 
-    def __init__(self, waveform: Waveform, *, other: str = "tcae", span_m: float | None = None) -> None:
+    def __init__(
+        self,
+        waveform: Waveform,
+        *,
+        other: str = "tcae",
+        span_m: float | None = None,
+        drop_when_slow: bool = False,
+    ) -> None:
         if other not in _OTHERS:
             raise MitigationError(f"hybrid.other is {other!r}; one of {', '.join(_OTHERS)}")
         ofdm = OfdmCancel(waveform, span_m=span_m)
@@ -79,7 +87,8 @@ class Hybrid(Mitigation):
         self._returns = ReturnEstimator(waveform, ofdm.span_m, SETTINGS)
         self._other = Tcae(waveform) if other == "tcae" else Whitening(waveform)
         self._detector = InterferenceDetector(waveform)
-        self._income = _SEARCH_FFTS * _RATE_HZ / waveform.rate_hz
+        self._by: Mitigation = ofdm  # canceller of the last frame that was cancelled
+        self._income = _SEARCH_FFTS * _RATE_HZ / waveform.rate_hz if drop_when_slow else np.inf
         super().__init__(waveform)
 
     def reset(self) -> None:
@@ -116,12 +125,14 @@ class Hybrid(Mitigation):
 
     def _chosen(self, frame: np.ndarray, cancelled: np.ndarray) -> tuple[np.ndarray, bool]:
         """(N,) of a frame and of what a canceller left of it, and whether the network has to clean it."""
-        burst = _has_burst(frame)
-        if not burst and self._detector.return_stands_out(cancelled[None])[0]:
+        ofdm, burst = self._by is self._cancellers[0], _has_burst(frame)
+        if (ofdm or not burst) and self._detector.return_stands_out(cancelled[None])[0]:
             return cancelled, False
         received = self._other.process(frame[None])[0]
         if self._detector.residual_db(received[None])[0] < LOST_DB and self._is_consistent(received):
             return received, False
+        if ofdm and self._by.outcome.state == "blanked":
+            return cancelled, False  # the network has never been trained on a hole
         done = self._detector.white(cancelled[None])[0] or self._is_consistent(cancelled)
         return cancelled, burst or not done
 
@@ -134,6 +145,7 @@ class Hybrid(Mitigation):
         for method in self._cancellers:
             out = method.cancel(frame, search=False) if method.tracking else None
             if out is not None:
+                self._by = method
                 return out
         return None
 
@@ -146,6 +158,7 @@ class Hybrid(Mitigation):
             out = method.cancel(frame)
             self._credit -= method.outcome.ffts
             if out is not None:
+                self._by = method
                 return out if getattr(method, "burst_weight", 1.0) >= _MIN_WEIGHT else None
         return None
 

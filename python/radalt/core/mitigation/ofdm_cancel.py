@@ -46,6 +46,8 @@ class OfdmCancel(Mitigation):
     ----------
     span_m : float or None
         Highest altitude whose return must not be taken for data, above 0; None is the default altimeter's.
+    drop_when_slow : bool
+        Whether frames are dropped where the method is too slow: after some searches in vain fewer frames are searched.
     settings : OfdmSettings
         Numbers of the receiver, for studies.
 
@@ -78,7 +80,12 @@ class OfdmCancel(Mitigation):
     style = PlotStyle("#882255", "D", (0, (5, 1, 1, 1)))
 
     def __init__(
-        self, waveform: Waveform, *, span_m: float | None = None, settings: OfdmSettings = SETTINGS
+        self,
+        waveform: Waveform,
+        *,
+        span_m: float | None = None,
+        drop_when_slow: bool = False,
+        settings: OfdmSettings = SETTINGS,
     ) -> None:
         wide = max(settings.spacings_hz)
         if waveform.rate_hz % wide or waveform.rate_hz < 64 * wide:
@@ -96,6 +103,7 @@ class OfdmCancel(Mitigation):
             )
         self.span_m = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
         self.settings = settings
+        self._patience = settings.patience if drop_when_slow else np.inf
         self._returns = ReturnEstimator(waveform, self.span_m, settings)
         kinds = [Numerology(waveform.rate_hz, spacing_hz, settings) for spacing_hz in settings.spacings_hz]
         self._masks = {kind: ReturnMask(waveform, kind, self.span_m, settings) for kind in kinds}
@@ -162,8 +170,8 @@ class OfdmCancel(Mitigation):
         return out
 
     def _may_search(self) -> bool:
-        """Whether this frame is searched: after some searches in vain, one frame in as many."""
-        most = self.settings.patience
+        """Whether this frame is searched: after some searches in vain one frame in as many, if frames are dropped."""
+        most = self._patience
         if self._in_vain > most and self._in_vain % most:
             self._in_vain += 1
             return False

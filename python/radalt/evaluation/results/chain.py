@@ -26,8 +26,7 @@ class Chain:
     precision: str = "float32"  # arithmetic precision of the method; a model's metadata override it
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
     looks: int = 1  # consecutive frames whose power spectra are averaged for one altitude
-    # whether frames are independent, so that the method is reset before each: `Hybrid` has a budget of acquisitions
-    # per stream, and independent frames are no stream
+    # whether frames are independent, so that the method is reset before each: independent frames are no stream
     independent: bool = False
 
     @classmethod

@@ -16,18 +16,27 @@ import numpy as np
 from .arrays import block_sums, median, moving_sum, power, segment_sums, spread
 from .cfo import residual_cfo
 from .channel_estimation import ChannelEstimator, ChannelStart, blind_channel
-from .constellation import QAM, rail_index, rail_tables
 from .equaliser import ElementGrid, equalise
 from .numerology import Numerology
 from .phase_timing import correct_phase, retimed, timing_drift
 from .reconstruction import blanked, modulate, sent_elements
 from .return_estimation import ReturnEstimator
+from .return_fit import MaskedPoints, ReturnFit
 from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper, SoftSymbols
 
 # prices of the steps in FFTs of 7,500 points, of a frame of so many samples; tools/ofdm_settings.py compares them with
 # what is measured
-_DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN = 18.0, 13.0, 20.0, 30.0, 10.0, 12.0, 12.0
+_DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN, _FIT = (
+    18.0,
+    13.0,
+    20.0,
+    30.0,
+    10.0,
+    12.0,
+    12.0,
+    80.0,
+)
 _FINISH = _CFO + 2 * _SUBTRACT + _RETURN + 2 * (_DEMAP + _LOOP)
 _SAMPLED = 7  # one block of subcarriers in so many is judged when the first noise is sought
 # nats per neper of unevenness: a wrong reading has regions without any error, and bad ones
@@ -270,7 +279,8 @@ class IterativeReceiver:
             noise = self._noise(error, t, h2)
             self.ffts += _DEMAP
             if known is None and masked.any() and iteration == min(1, iterations - 1):
-                return_power = self._return_power(z, noise, h2, soft, grid, masked)
+                points = MaskedPoints.of(z, noise, h2, soft, grid, masked)
+                return_power, _ = points.return_power(s.return_step_db)
             w = t / noise
             now = float((noise * t).sum() / (h2 * t).sum())
             last = iteration >= iterations or (iteration > fewest and now > s.converged * before)
@@ -354,23 +364,6 @@ class IterativeReceiver:
         nats = self._demapper.evidence(np.tile(z, (count, 1)), noise, np.tile(t, (count, 1)), many)
         return (nats.reshape(count, length, -1) * t).sum(axis=2)
 
-    def _return_power(self, z, noise, h2, soft, grid, masked) -> np.float32:  # noqa: ANN001
-        """Power of the return in masked elements, of greatest likelihood on a grid, constellations as judged beside."""
-        row, column = np.nonzero(masked)
-        z, noise = z[row, column], noise[row, column]
-        size = np.broadcast_to(h2, masked.shape)[row, column]
-        control = soft.control[row, column]
-        order = soft.order[:, grid.segment[row], column // self._num.block] * (1 - control)
-        grid_db = np.append(-99, np.arange(-42, -13.9, self._s.return_step_db))
-        powers = (median(size) * 10 ** (grid_db / 10)).astype(np.float32)
-        places = rail_index(np.broadcast_to(z, (powers.size, z.size)), noise / size + powers[:, None] / size)
-        densities = rail_tables()[0]
-        p = [densities[n].take(places, mode="clip").prod(axis=0) for n in range(QAM[-1] + 1)]
-        likely = control * (0.25 * p[0] + 0.5 * p[1] + 0.25 * p[2])
-        for n, share in zip(QAM, order, strict=True):
-            likely += share * p[n]
-        return powers[int(np.log(likely + 1e-4).mean(axis=1).argmax())]
-
     def _noise(self, error: np.ndarray, t: np.ndarray, h2: np.ndarray) -> np.ndarray:
         """(L, K) float32 noise: of a subcarrier over time, raised where a region of a symbol has more."""
         block, s = self._num.block, self._s
@@ -408,6 +401,12 @@ class IterativeReceiver:
         Returns the (N,) frame, the reception that was subtracted, and the elements it belongs to.
         """
         s, num = self._s, self._num
+        certain = False
+        if known is None:
+            known = self._fitted_return(grid, free, found)
+            if known is not None:
+                certain = known.uncertainty.max() < 1
+                found = self._again(grid, free, found, known)
         if tune:
             sent = modulate(found.channel * found.soft.mean * found.phase.conj(), grid)
             off = residual_cfo(grid, sent)
@@ -418,7 +417,8 @@ class IterativeReceiver:
                 grid = grid.retuned(grid.cfo + off)
                 found = self._again(grid, free, replace(found, phase=found.phase * back[:, None]), known)
         out = self.cancel(grid, free, found)
-        if found.return_power > s.return_relevant * median(found.noise) or known is not None or tune:
+        relevant = known is not None or tune or found.return_power > s.return_relevant * median(found.noise)
+        if relevant and not certain:
             shown = self.known_return(out * grid.carrier.conj(), grid, s.found_ratio, everywhere=True)
             if shown is not None:
                 found = self._again(grid, free, found, shown)
@@ -439,6 +439,23 @@ class IterativeReceiver:
         uncertainty = np.minimum(self._s.return_uncertainty / found.ratios, 1)[(middle >= half).astype(int)]
         elements = grid.transform(found.samples * grid.carrier)
         return KnownReturn(elements, uncertainty.astype(np.float32)[:, None], everywhere)
+
+    def _fitted_return(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> KnownReturn | None:
+        """The return beside which masked elements are points, where one would be taken for data; else None."""
+        h2 = np.maximum(power(found.channel), _LEAST)
+        masked, z = ~free & found.used, equalise(found.elements, found.channel)
+        points = MaskedPoints.of(z, found.noise, h2, found.soft, grid, masked)
+        least = self._s.return_loud * points.half_distance() * median(h2)
+        if not found.return_power > least or self.ffts + _FIT + _FINISH > self._s.most_ffts:
+            return None
+        self.ffts += _FIT
+        factor = equalise(grid.ramp * found.phase, found.channel)
+        fit = ReturnFit(points, grid, factor, self._returns, self._s)
+        elements, certain = fit.best()
+        if not certain.any():
+            return None
+        uncertainty = np.where(certain, self._s.return_fit_error, 1).astype(np.float32)
+        return KnownReturn(elements, uncertainty[fit.half][:, None], everywhere=False)
 
     def _again(
         self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None

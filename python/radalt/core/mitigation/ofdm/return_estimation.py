@@ -19,10 +19,13 @@ class ReturnEstimate:
     samples : (N,) complex64
     ratios : (2,) float32
         Power of each half's tone over the mean power of noise in a cell there.
+    cells : (2,) int
+        Each half's beat in the twice zero-padded spectrum.
     """
 
     samples: np.ndarray
     ratios: np.ndarray
+    cells: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -84,17 +87,46 @@ class ReturnEstimator:
         beat = self._dechirped(frame)
         band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
         found = self._pair(power(band))
+        return ReturnEstimate(self._tones(beat, band, found.cells), found.ratios, found.cells)
+
+    def candidates(self, frame: np.ndarray, count: int) -> list[ReturnEstimate]:
+        """The ``count`` likeliest returns of an (N,) frame at speeds that are flown, the likeliest first."""
+        s, beat = self._s, self._dechirped(frame)
+        band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
+        found = self._pair(power(band))
+        up, down = found.levels / found.noise[:, None]
+        sums, out = _pair_sums(up, down, s.flown_cells), []
+        for _ in range(count):
+            first = int(sums.argmax())
+            low = max(first - s.flown_cells, 0)
+            second = low + int(down[low : first + s.flown_cells + 1].argmax())
+            cells, ratios = np.array([first, second]), np.array([up[first], down[second]])
+            out.append(ReturnEstimate(self._tones(beat, band, cells), ratios, cells))
+            sums[max(first - s.lobe_cells // 2, 0) : first + s.lobe_cells // 2 + 1] = 0
+        return out
+
+    def neighbours(self, frame: np.ndarray, one: ReturnEstimate) -> list[ReturnEstimate]:
+        """Returns of an (N,) frame, each half's beat at all speeds that are flown with the other half's of ``one``."""
+        beat, reach = self._dechirped(frame), self._s.flown_cells
+        band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
+        cells = [np.clip(one.cells[::-1] + off, 1, band.shape[1] - 2) for off in range(-reach, reach + 1)]
+        few = np.full(2, self._s.return_uncertainty)  # so nothing is certain of its power
+        return [ReturnEstimate(self._tones(beat, band, own, exact=True), few, own) for own in cells]
+
+    def _tones(
+        self, beat: np.ndarray, band: np.ndarray, cells: np.ndarray, *, exact: bool = False
+    ) -> np.ndarray:
+        """(N,) a tone in each half sweep at these cells (2,), or between them unless ``exact``."""
         steps = np.empty(2)
-        for row, cell in enumerate(np.clip(found.cells, 1, band.shape[1] - 2)):
+        for row, cell in enumerate(np.clip(cells, 1, band.shape[1] - 2)):
             low, mid, high = np.abs(band[row, cell - 1 : cell + 2])
             bend = low - 2 * mid + high
-            off = float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+            off = float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5)) if bend < 0 and not exact else 0.0
             steps[row] = (1 if row else -1) * (cell + off - 6) / (2 * self._half)
         tone = exp_ramp(steps, self._half)
         there = np.maximum((beat != 0).sum(axis=1), 1)
         gain = (beat * tone.conj()).sum(axis=1) / there
-        out = (gain[:, None].astype(np.complex64) * tone).ravel() * self._reference
-        return ReturnEstimate(out, found.ratios)
+        return (gain[:, None].astype(np.complex64) * tone).ravel() * self._reference
 
     def _pair(self, levels: np.ndarray) -> _Pair:
         """Pair of beats with the largest sum of ratios, of those that differ by no more than the speed allows."""

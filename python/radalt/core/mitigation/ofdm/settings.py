@@ -28,6 +28,10 @@ class OfdmSettings:
     return_uncertainty: float = 2.0  # error of a tone's power, over its ratio [F: Cramer-Rao]
     return_step_db: float = 6.0  # dB; grid of return powers whose likelihood is compared [M]
     return_relevant: float = 0.3  # of the noise; a weaker return changes no decision [M]
+    return_loud: float = 0.3  # of half the distance of the points, squared: a louder one is fitted [M]
+    return_candidates: int = 8  # beats that are fitted [M]
+    return_nats: float = 0.15  # per masked element that a fitted return gains over an unknown one [M]
+    return_fit_error: float = 0.1  # of its power [M]
     # integrity, on beat spectra with two cells per range cell, normalised by their noise
     speed_cells: int = 9  # cells between the halves' beats of one return [F: 150 m/s are 8.6]
     flown_cells: int = 3  # cells by which they differ at most in flight [F: 50 m/s are 2.9]
