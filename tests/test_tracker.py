@@ -173,7 +173,7 @@ def test_protection_level_holds_at_its_stated_risk():
     ],
 )
 def test_extended_ground_stays_within_its_protection_level_and_a_point_pays_nothing(altitude_m, land):
-    """Ground off nadir pulls the peak up by several metres; only the return itself says whether there is any."""
+    """Ground off nadir pulls the peak up by several metres, and the altitude is the nearest point's."""
     radar = TerrainReturn(FlatTerrain(0.0), W, ground=reflectivity(*land))
     rng, speed = np.random.default_rng(9), 70.0
     east = speed * T / 82_700.0  # degrees of longitude per frame at 42 degrees north
@@ -187,7 +187,7 @@ def test_extended_ground_stays_within_its_protection_level_and_a_point_pays_noth
     error = out["altitude_m"] - altitude_m
     assert out.size
     assert np.all(np.abs(error) < out["protection_level_m"])
-    assert altitude_m < 100.0 or np.all(error > 3.0)
+    assert np.all(np.abs(error) < 2.0)
     point = tracked(flight(rng, np.full(160, altitude_m), 0.0))[-1]
     assert point["protection_level_m"] < 2.6
 

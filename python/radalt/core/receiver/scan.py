@@ -25,6 +25,10 @@ class Scan:
         Seconds from there to the end of the block's last frame, for which the altitude is given.
     residual_m : float
         Altitude that the frames' residual timing offset adds.
+    edge_m : float
+        Standard deviation of the nearest point of spread ground; 0 of a point.
+    edge_m_per_s : float
+        The same of its speed: each half sweep has its own speckle.
     beyond : float
         Median power of the strongest line beyond the span over that within it, in the frames before mitigation.
     sum_received : callable or None
@@ -36,6 +40,8 @@ class Scan:
     middle: float
     lead_s: float
     residual_m: float = 0.0
+    edge_m: float = 0.0
+    edge_m_per_s: float = 0.0
     beyond: float = 0.0
     sum_received: Callable[[], Block] | None = None
 
@@ -50,5 +56,8 @@ class Scan:
             found,
             altitude_m=found.altitude_m - self.residual_m,
             altitude_variance_m2=found.altitude_variance_m2 + _ALTITUDE_FLOOR_M**2,
-            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2 + _SPEED_FLOOR_M_PER_S**2,
+            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2
+            + _SPEED_FLOOR_M_PER_S**2
+            + self.edge_m_per_s**2,
+            fluctuation_m2=found.fluctuation_m2 + self.edge_m**2,
         )

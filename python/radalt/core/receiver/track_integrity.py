@@ -25,6 +25,9 @@ _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
 # most half a cell, which is the error by an equal one 18 m behind in phase (9 m). Echoes 5 to 16 m behind, 6 dB weaker,
 # err by up to 4.4 m; the nearest deviate least, and the level's other parts cover what they exceed this part by.
 _ECHO_CELLS, _MOST_ECHO_CELLS = 3.0, 0.5
+# Share of the altitude by which the fit errs where no shape is quite the ground's; the level's part for spread ground,
+# with a deviation of its nearest point (tests/test_ground.py).
+_EDGE_SHARE, _LEAST_EDGE_M = 0.01, 0.1
 _SPARE_EXTENT = 2.0  # factor on that extent, beyond which the asymmetry of a peak is another return
 # Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
 _MIRRORED = 0.25
@@ -231,4 +234,5 @@ class Integrity:
         extent = _EXTENT_CELLS * float(np.sqrt(asymmetry)) * t.waveform.range_resolution_m
         extent = min(extent, _EXTENT_SHARE * max(0.0, float(track.filter.mean[0])))
         echo = min(_ECHO_CELLS * np.sqrt(track.deviation), _MOST_ECHO_CELLS) * t.waveform.range_resolution_m
-        return _SYSTEMATIC_M + noise + max(extent, float(echo)) + cells * t.cell_m
+        edge = track.edge_m + _EDGE_SHARE * float(track.filter.mean[0]) * (track.edge_m > _LEAST_EDGE_M)
+        return _SYSTEMATIC_M + noise + max(extent, float(echo), edge) + cells * t.cell_m

@@ -21,6 +21,7 @@ from .integrator import Integrator
 from .leakage import REACH_M
 from .repeated_frames import RepeatedFrames, RepeatedNoise
 from .scan import Scan
+from .spread_ground import SpreadGround
 from .summed_block import Block, Measurement
 from .track import Track
 from .track_integrity import Integrity
@@ -100,6 +101,7 @@ class AltitudeTracker:
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
+        self.spread = SpreadGround(self.integrator, altimeter.settings.window)
         self._repeated = RepeatedFrames(self.sweep_s) if noise else None
         moves = settings.doppler is not False  # the return of a synthetic altitude keeps its phase
         self._repeated_noise = RepeatedNoise(altimeter, self.frames) if noise and moves else None
@@ -270,7 +272,9 @@ class AltitudeTracker:
 
     def _scan(self, at: np.ndarray, last: int) -> Scan:
         """The frames at these places of the block that ends with frame ``last``."""
-        block = Block(self.integrator, self._ratio[at], at.astype(float))
+        ground = self.spread.find(self._received[at])
+        weights, edge_m = (np.float32(1.0), 0.0) if ground is None else (ground.weights, ground.deviation_m)
+        block = Block(self.integrator, self._ratio[at] * weights, at.astype(float))
         beyond = self._beyond[at][np.isfinite(self._beyond[at])]
         return Scan(
             block,
@@ -279,7 +283,9 @@ class AltitudeTracker:
             lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s,
             residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
             beyond=float(np.median(beyond)) if beyond.size else 0.0,
-            sum_received=(lambda: Block(self.integrator, self._received[at], at.astype(float)))
+            edge_m=edge_m,
+            edge_m_per_s=2.0 * edge_m * self.integrator.speed_per_cell / self.integrator.cell_m,
+            sum_received=(lambda: Block(self.integrator, self._received[at] * weights, at.astype(float)))
             if self._beside
             else None,
         )

@@ -15,6 +15,10 @@ _LOBE_BLOCKS = 2
 _KNOWN_SPEED_CELLS = 1.5
 
 
+# Share of the deviation of the nearest point that is kept per block that shows no spread ground.
+_EDGE_FADES = 0.9
+
+
 class Updater:
     """Measures tracks in blocks, and updates filter, evidence and counters.
 
@@ -94,6 +98,7 @@ class Updater:
 
     def _compare_shape(self, track: Track, scan: Scan, found: Measurement) -> None:
         """Update the deviation of a track's peak from a point's, in frames as received: a method changes shapes."""
+        track.edge_m = max(scan.edge_m, _EDGE_FADES * track.edge_m)
         block = scan.received
         if scan.sum_received is None or block.shows(found, self.integrity.received_threshold):
             track.deviation += (block.shape_deviation(found) - track.deviation) / track.evidence.weight

@@ -1,0 +1,78 @@
+"""Ground as a pilot meets it: the nearest point of a return that is wider than a point's."""
+
+import numpy as np
+import pytest
+
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.receiver.tracker import AltitudeTracker, Status, TrackerSettings
+from radalt.core.returns.point import point_return
+from radalt.core.returns.terrain import (
+    AircraftState,
+    FlatTerrain,
+    GaussianAntenna,
+    GroundGrid,
+    TerrainReturn,
+    reflectivity,
+)
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+ALTIMETER = Altimeter(W)
+DEGREE_M = 82_700.0  # of longitude at 42 degrees north
+
+
+def in_noise(rng: np.random.Generator, frames: np.ndarray, snr_db: float = 10.0) -> np.ndarray:
+    rails = rng.standard_normal((len(frames), W.samples_per_frame, 2), dtype=np.float32)
+    sigma = np.float32(10.0 ** (-snr_db / 20.0) / np.sqrt(2.0))
+    return (frames + sigma * rails.view(np.complex64)[..., 0]).astype(np.complex64)
+
+
+def over_ground(
+    seed: int, land: tuple[str, str], altitude_m: float, *, beam=40.0, roll=0.0, pitch=0.0, count=240
+):
+    """Outputs over flat land at 70 m/s, after the two that a track takes to begin, and their errors."""
+    antenna, grid = GaussianAntenna(beamwidth_deg=beam), GroundGrid(seed=seed)
+    radar = TerrainReturn(FlatTerrain(0.0), W, antenna=antenna, ground=reflectivity(*land), grid=grid)
+    frames = np.empty((count, W.samples_per_frame), dtype=np.complex64)
+    for k in range(count):
+        east, velocity = -88.0 + 70.0 * k * W.sweep_s / DEGREE_M, (70.0, 0.0, 0.0)
+        state = AircraftState(k * W.sweep_s, 42.0, east, altitude_m, velocity, 90.0, pitch, roll)
+        frames[k] = radar(state, frame_index=k).frame
+    frames /= np.sqrt(np.mean(np.abs(frames) ** 2))
+    received = in_noise(np.random.default_rng(seed), frames)
+    tracker = AltitudeTracker(ALTIMETER, TrackerSettings(leakage_m=0.0))
+    return tracker.process(ALTIMETER.spectra(received))[2:]
+
+
+@pytest.mark.parametrize(
+    ("land", "altitude_m", "attitude"),
+    [
+        (("constant_gamma", "woods"), 150.0, {}),
+        (("constant_gamma", "urban_low_relief"), 600.0, {}),
+        (("morchin", "mountains"), 1380.0, {"beam": 60.0}),
+        (("morchin", "desert"), 40.0, {"beam": 60.0}),
+        (("ulaby_dobson", "grass"), 300.0, {"pitch": 15.0}),
+        (("morchin", "urban_low_relief"), 450.0, {"roll": 20.0}),
+        (("constant_gamma", "woods"), 200.0, {"roll": 30.0}),
+        (("morchin", "wooded_hills"), 500.0, {"roll": 40.0}),
+    ],
+)
+def test_the_altitude_is_that_of_the_nearest_ground_in_level_flight_and_in_a_bank(land, altitude_m, attitude):
+    out = over_ground(4_711, land, altitude_m, **attitude)
+    assert np.all(out["status"] == Status.NORMAL)
+    error = np.abs(out["altitude_m"] - altitude_m)
+    assert np.all(error < out["protection_level_m"]) and np.all(error <= max(5.0, 0.03 * altitude_m))
+
+
+@pytest.mark.parametrize("snr_db", [20.0, -10.0])
+@pytest.mark.parametrize("speed", [0.0, 20.0, 150.0])
+def test_a_point_is_no_spread_ground(speed, snr_db):
+    """It fluctuates by noise alone, and moves: none of a hundred blocks is weighted."""
+    altimeter = Altimeter(W)
+    rng, tracker = np.random.default_rng([1, int(speed), int(snr_db + 100)]), AltitudeTracker(altimeter)
+    for _ in range(100):
+        path = rng.uniform(30.0, 1400.0) + speed * W.sweep_s * np.arange(40)
+        spectra = altimeter.spectra(
+            in_noise(rng, point_return(W, path, vertical_speed_m_per_s=speed), snr_db)
+        )
+        assert tracker.spread.find(tracker.integrator.normalise(spectra)) is None
