@@ -11,8 +11,14 @@ from radalt.core.interference import (
     interference_frame,
     interference_frames,
 )
+from radalt.core.interference.effects import impaired
+from radalt.core.interference.emitters.fmcw import FmcwEmitter
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.pulsed_radar import PulsedRadarEmitter
 from radalt.core.interference.emitters.qpsk import rrc_taps
+from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.stream import JammerStream
+from radalt.core.interference.transmission import Transmission, begin
 from radalt.core.programme import Programme
 from radalt.core.waveform import Waveform
 
@@ -230,3 +236,58 @@ def test_free_running_stream_ignores_the_sweep():
         starts.add(edges[0] % N)
         assert np.mean(np.abs(samples[edges[0] : edges[0] + 2 * N]) ** 2) == pytest.approx(10.0, rel=1e-3)
     assert len(starts) == 6
+
+
+class Anew:
+    """An emitter known by windows only."""
+
+    def samples(self, count, rate_hz, rng):
+        return rng.standard_normal(count) + 0j
+
+
+AMPLIFIED = impaired(QpskEmitter(pulse="rrc"), {"amplifier": {}}, "qpsk")
+IMPAIRED = {"fading": {"doppler_hz": 300.0}, "oscillator": {"clock_ppm": -20.0}, "phase_noise": {}}
+TRANSMITTERS = {
+    "nr": NrEmitter(carrier_hz=1_234_567.0),
+    "tones": ToneEmitter(5),
+    "rectangular": QpskEmitter(evm="typical"),
+    "rrc": QpskEmitter(pulse="rrc", carrier_hz=1e6),
+    "received": QpskReceivedEmitter(evm="typical"),
+    "received rrc": QpskReceivedEmitter(pulse="rrc"),
+    "fmcw": FmcwEmitter(sweep_bandwidth_hz=20e6, sweep_period_s=1.1e-3),
+    "pulsed": PulsedRadarEmitter(),
+    "windows": Anew(),
+    "amplified": AMPLIFIED,
+    "impaired": impaired(QpskEmitter(pulse="rrc"), IMPAIRED, "qpsk"),
+}
+
+
+@pytest.mark.parametrize("name", list(TRANSMITTERS))
+def test_a_transmission_is_a_function_of_time(name):
+    """Ragged chunks in any order are those of one chunk, bit for bit; its blocks meet without a seam."""
+    emitter, (first, last) = TRANSMITTERS[name], (-20_000, 40_000)
+    whole = Transmission(emitter, N).at(first, last - first, RATE_HZ, rng(3))
+    ends = [first, -16_384, -1, 0, 1, 7_500, 8_123, 16_383, 16_384, 32_800, last]
+    chunks = list(zip(ends[:-1], ends[1:], strict=True))
+    again, parts = Transmission(emitter, N), {}
+    for start, end in chunks[::-1]:
+        parts[start] = again.at(start, end - start, RATE_HZ, rng(3))
+    np.testing.assert_array_equal(np.concatenate([parts[start] for start, _ in chunks]), whole)
+    direct = begin(emitter, RATE_HZ, rng(3))(first, last - first)
+    # a receiver's filter is 80 dB down, and two blocks of a moving filter differ by its interpolation: -60 dB
+    np.testing.assert_allclose(whole, direct, atol=5e-3 if name == "impaired" else 1e-4)
+
+
+@pytest.mark.parametrize("pulse", ["rectangular", "rrc"])
+def test_the_symbol_clock_runs_on_through_the_gaps_of_bursts(pulse):
+    """Bursts of a free-running stream are pieces of one transmission, each at its SIR."""
+    emitter = QpskEmitter(pulse=pulse)
+    stream = JammerStream(Waveform(), [Interferer(emitter, -10.0, 0.3)], seed=5, free_running=True)
+    sent = np.concatenate([stream.next_frame() for _ in range(8)])[stream._shift :][: 7 * N].reshape(7, N)
+    (transmission,) = stream._running.values()
+    for frame, steady in zip(sent, transmission.at(0, 7 * N, RATE_HZ, rng()).reshape(7, N), strict=True):
+        assert np.mean(np.abs(frame) ** 2) == pytest.approx(10.0, rel=1e-4)
+        on = frame != 0
+        assert np.count_nonzero(on) == round(0.3 * N)
+        gain = np.vdot(steady[on], frame[on]) / np.vdot(steady[on], steady[on])
+        np.testing.assert_allclose(frame[on], gain * steady[on], atol=1e-4)

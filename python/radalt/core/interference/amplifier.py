@@ -1,14 +1,14 @@
 """A transmitter's power amplifier: Rapp's model of a solid-state amplifier."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..parsing import check_range
 from .emitters import NamedEmitter
 from .placement import Emitter
-from .receiver_filter import decimate_window, random_window, window_guard
+from .receiver_filter import decimate_window, repeated, window_guard
+from .transmission import Signal, begin
 
 # Rate of the amplifier over the radar's: products up to the seventh order alias outside the carrier.
 _OVERSAMPLING = 4
@@ -55,17 +55,31 @@ class AmplifiedEmitter(NamedEmitter):
     emitter: Emitter
     amplifier: Amplifier
 
-    def __getattr__(self, name: str) -> Any:
-        """``period_s``, ``carrier_hz`` and ``always_in_window`` are the emitter's own."""
-        if name not in ("period_s", "carrier_hz", "always_in_window"):
-            raise AttributeError(name)
-        return getattr(self.emitter, name)
+    @property
+    def unit_power(self) -> bool:
+        """Whether the mean power is 1 already: that of a period is."""
+        return hasattr(self.emitter, "period")
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 at `rate_hz`; see `Emitter`. Mean power is below 1 where the amplifier saturates."""
         if hasattr(self.emitter, "period"):
-            signal, residual_hz = self.emitter.period(rate_hz, self.amplifier)
-            return random_window(signal, residual_hz / rate_hz, count, rng)
+            return self.begin(rate_hz, rng)(0, count)
         longer = _OVERSAMPLING * (count + 2 * window_guard(rate_hz, _OVERSAMPLING))
-        sent = self.emitter.samples(longer, _OVERSAMPLING * rate_hz, rng)
+        return self._received(self.emitter.samples(longer, _OVERSAMPLING * rate_hz, rng), rate_hz)
+
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw a transmission of the emitter."""
+        if hasattr(self.emitter, "period"):
+            period, residual_hz = self.emitter.period(rate_hz, self.amplifier)
+            return repeated(period, residual_hz / rate_hz, rng)
+        sent = begin(self.emitter, _OVERSAMPLING * rate_hz, rng)
+        guard = window_guard(rate_hz, _OVERSAMPLING)
+
+        def signal(first: int, count: int) -> np.ndarray:
+            longer = sent(_OVERSAMPLING * (first - guard), _OVERSAMPLING * (count + 2 * guard))
+            return self._received(longer, rate_hz)
+
+        return signal
+
+    def _received(self, sent: np.ndarray, rate_hz: float) -> np.ndarray:
         return decimate_window(self.amplifier.amplify(sent), rate_hz, _OVERSAMPLING)

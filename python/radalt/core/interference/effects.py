@@ -8,7 +8,7 @@ few Chebyshev nodes of a block are applied in the frequency domain, and the outp
 import dataclasses
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import fft
@@ -19,6 +19,7 @@ from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
 from .multipath import FadedEmitter, FadingChannel, faded
 from .placement import Emitter
+from .transmission import Signal, begin, in_drawn_blocks
 
 # Guard on either side of a block, samples, for the tails of fractional delays; the outer half is tapered.
 _GUARD = 128
@@ -27,7 +28,7 @@ _BLOCK = 1 << 14  # longest block of the filter, samples: its FFTs stay in the s
 _INTERPOLATION = 3e-4  # largest amplitude error of the interpolation in time: -70 dB, below every EVM
 # Step at which phase noise is drawn, times 2 pi bandwidth, rad: between steps the rms is 1 % too low.
 _STEP_RAD = 0.06
-WINDOW_FRAMES = 40  # window of an emitter without a period, frames: 2.4 MB
+_DRAWN = 1024  # numbers of phase noise drawn at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,18 +51,26 @@ class PhaseNoise:
     def __post_init__(self) -> None:
         check_range("phase_noise", self, rms_deg=(0.0, 60.0), bandwidth_hz=(1.0, 1e6))
 
-    def cycles(self, count: int, rate_hz: float, last: float | None, rng: np.random.Generator) -> np.ndarray:
-        """(count + 1,) phases in cycles from ``last`` on (None: drawn); the last one begins the next block."""
-        steps = max(1, int(np.ceil(count * 2 * np.pi * self.bandwidth_hz / (_STEP_RAD * rate_hz))))
-        steps = min(steps, count)
-        kept = np.exp(-2 * np.pi * self.bandwidth_hz * count / (steps * rate_hz))
-        drawn = rng.standard_normal(steps + 1) * (self.rms_deg / 360.0 * np.sqrt(1.0 - kept**2))
-        drawn[0] = drawn[0] / np.sqrt(1.0 - kept**2) if last is None else last
-        from scipy import signal  # see core/fir.py
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw the process: its phase in cycles as a function of time."""
+        step = max(1, int(_STEP_RAD * rate_hz / (2 * np.pi * self.bandwidth_hz)))  # samples between nodes
+        decay = 2 * np.pi * self.bandwidth_hz * step / rate_hz
+        kept, memory = np.exp(-decay), int(np.ceil(16.0 / decay))  # what is left out of the past: exp(-16)
+        scale = self.rms_deg / 360.0 * np.sqrt(1.0 - kept**2)
+        drawn = in_drawn_blocks(lambda own: own.standard_normal(_DRAWN) * scale, _DRAWN, rng, keep=4)
 
-        nodes = signal.lfilter([1.0], [1.0, -kept], drawn)
-        before, part = _between(count, steps)
-        return nodes[before] + part * np.diff(nodes)[before]
+        def cycles(first: int, count: int) -> np.ndarray:
+            from scipy import signal  # see core/fir.py
+
+            oldest, within = divmod(first, step)
+            number = (within + count - 1) // step + 2
+            nodes = signal.lfilter([1.0], [1.0, -kept], drawn(oldest - memory, memory + number))[memory:]
+            steps = np.diff(nodes)
+            # nodes are evenly spaced, so lines between them are rows of an outer product
+            lines = nodes[:-1, None] + steps[:, None] * (np.arange(step) / step)
+            return lines.ravel()[within : within + count]
+
+        return cycles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,10 +137,12 @@ KEYS = tuple(field.name for field in dataclasses.fields(Impairments))
 class ImpairedEmitter(NamedEmitter):
     """An emitter with impairments: emitter protocol, mean power 1 in the long run.
 
-    `samples` draws the channel and the oscillators anew. `JammerStream` keeps them continuous by a `Running`.
+    `samples` draws the channel and the oscillators anew. `JammerStream` keeps them continuous.
 
     >>> ImpairedEmitter(emitter=NrEmitter(), effects=Impairments(phase_noise=PhaseNoise()))  # doctest: +SKIP
     """
+
+    unit_power: ClassVar[bool] = True
 
     emitter: Emitter
     effects: Impairments
@@ -168,111 +179,79 @@ class ImpairedEmitter(NamedEmitter):
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 at `rate_hz`; see `Emitter`."""
-        return Running(self, count).samples(count, rate_hz, rng)
+        return Path(self, count).samples(count, rate_hz, rng)
+
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw channel and oscillators, and a transmission of the emitter; SIR before fading."""
+        moving = _Moving(self.effects, rate_hz, rng)
+        sent = begin(self.source, rate_hz, rng)
+        return lambda first, count: moving.received(sent, first, count)
 
 
-class Running:
-    """An impaired emitter whose channel and oscillators are continuous from call to call: emitter protocol.
+class Path:
+    """Channel and oscillators that go on, of an emitter that is drawn anew in every frame: emitter protocol.
 
     Parameters
     ----------
     emitter : ImpairedEmitter
     frame_samples : int
-        Samples between the starts of two calls.
-    steady : bool
-        The emitter, too, is continuous, with constant gain: its SIR, before fading, holds over its period or 40 frames.
-        Otherwise every call draws an independent window of the emitter.
+        Samples between the starts of two frames.
     """
 
-    def __init__(self, emitter: ImpairedEmitter, frame_samples: int, *, steady: bool = False) -> None:
-        self.emitter, self.frame_samples, self.steady = emitter, frame_samples, steady
-        self._first = 0  # first sample of the next call, by the radar's clock
-        self._filter: _MovingFilter | None = None
-        self._held, self._held_from = np.empty(0, dtype=np.complex128), 0
-        self._window: np.ndarray | None = None
-        self._phase: float | None = None
+    def __init__(self, emitter: ImpairedEmitter, frame_samples: int) -> None:
+        self.emitter, self.frame_samples = emitter, frame_samples
+        self.frame_index, self._within = 0, 0
+        self._moving: _Moving | None = None
+
+    def seek(self, first: int) -> None:
+        """The next samples are those from ``first`` within the frame on."""
+        self._within = first
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `Emitter`; ``count`` is at most ``frame_samples`` if ``steady``."""
-        if self._filter is None:
-            self._filter = _MovingFilter(self.emitter.effects, rate_hz, rng)
-        out = np.concatenate(
-            [self._block(at, min(_BLOCK, count - at), count, rate_hz, rng) for at in range(0, count, _BLOCK)]
-        )
-        self._first += self.frame_samples
-        if not self.steady:
-            self._held = self._held[:0]
-        return out
-
-    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """See `Emitter`: with constant gain if ``steady``, else nothing is written."""
-        if self.steady:
-            part = self.samples(span.size, rate_hz, rng)
-            np.multiply(part, np.sqrt(mean_power), out=span, casting="same_kind")
-        return self.steady
-
-    def _block(self, at: int, count: int, whole: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """Samples ``at`` to ``at + count`` of a call of ``whole`` samples."""
-        moving, first = self._filter, self._first + at
+        """See `Emitter`; the next call is for the next frame."""
+        if self._moving is None:
+            self._moving = _Moving(self.emitter.effects, rate_hz, rng)
+        moving, source = self._moving, self.emitter.source
+        first = self.frame_index * self.frame_samples + self._within
+        self.frame_index, self._within = self.frame_index + 1, 0
         start, before, after = moving.span(first, count)
-        rest = before, whole - at, moving.span(self._first, whole)[2]
-        part = self._sent(start, before + count + after, rest, rate_hz, rng)
-        part = moving.apply(part, first, count) if moving.moves else part.copy()
-        phase = self._cycles(first, count, rate_hz, rng)
-        if phase is not None:
-            # after reduction to one cycle, single precision has a phase error of 1e-7, at a fifth of the time
-            part *= exp_cycles((phase - np.rint(phase)).astype(np.float32))
-        return part
+        if (
+            self.emitter.always_in_window
+        ):  # the emission has to lie inside the frame, not in the filter's margins
+            window = np.pad(source.samples(count, rate_hz, rng), (before, after))
+        else:
+            window = source.samples(before + count + after, rate_hz, rng)
 
-    def _cycles(self, first: int, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray | None:
-        """(count,) phase in cycles of carrier offset and phase noise together."""
-        offset, noise = self.emitter.effects.oscillator, self.emitter.effects.phase_noise
-        total = None
-        if offset is not None and offset.carrier_offset_hz:
-            step = offset.carrier_offset_hz / rate_hz
-            total = np.mod(first * step, 1.0) + step * np.arange(count)
-        if noise is not None:
-            drawn = noise.cycles(count, rate_hz, self._phase, rng)
-            self._phase = drawn[-1]
-            total = drawn[:-1] if total is None else total + drawn[:-1]
-        return total
+        def sent(at: int, number: int) -> np.ndarray:
+            return window[at - start : at - start + number]
 
-    def _sent(
-        self, start: int, count: int, rest: tuple[int, int, int], rate_hz: float, rng: np.random.Generator
-    ) -> np.ndarray:
-        """``count`` transmitted samples, from number ``start`` on.
+        blocks = range(first, first + count, _BLOCK)
+        received = [moving.received(sent, at, min(_BLOCK, first + count - at)) for at in blocks]
+        return received[0] if len(received) == 1 else np.concatenate(received)
 
-        ``rest`` counts the samples that this call needs from ``start`` on: before, inside and after the call.
-        """
-        if not self._held.size:
-            self._held_from = start
-        self._held = self._held[start - self._held_from :]
-        self._held_from = start
-        while self._held.size < count:
-            if self.steady:
-                more = self._next_window(rate_hz, rng)
-            elif (
-                self.emitter.always_in_window
-            ):  # the emission has to lie inside the call, not in the filter's margins
-                before, inside, after = rest
-                more = np.pad(self.emitter.source.samples(inside, rate_hz, rng), (before, after))
-            else:
-                more = self.emitter.source.samples(sum(rest), rate_hz, rng)
-            self._held = np.concatenate([self._held, more]) if self._held.size else more
-        return self._held[:count]
 
-    def _next_window(self, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """A period of the emitter, or `WINDOW_FRAMES` frames of one without a period, at unit mean power."""
-        source = self.emitter.source
-        period_s = getattr(source, "period_s", 0.0)
-        if self._window is None or not period_s:
-            count = round(period_s * rate_hz) if period_s else WINDOW_FRAMES * self.frame_samples
-            self._window = source.samples(count, rate_hz, rng)
-            power = np.vdot(self._window, self._window).real / count
-            self._window = self._window / np.sqrt(power) if power > 0 else self._window
-        elif cycles := (getattr(source, "carrier_hz", 0.0) * period_s) % 1.0:
-            self._window = self._window * np.exp(2j * np.pi * cycles)
-        return self._window
+class _Moving:
+    """Fading, sample clock, carrier and phase noise: one draw of them, by absolute time."""
+
+    def __init__(self, effects: Impairments, rate_hz: float, rng: np.random.Generator) -> None:
+        self._filter = _MovingFilter(effects, rate_hz, rng)
+        self._step = effects.oscillator.carrier_offset_hz / rate_hz if effects.oscillator else 0.0
+        self._noise = None if effects.phase_noise is None else effects.phase_noise.begin(rate_hz, rng)
+        self.span = self._filter.span
+
+    def received(self, sent: Signal, first: int, count: int) -> np.ndarray:
+        """(count,) received samples from number ``first`` on."""
+        start, before, after = self.span(first, count)
+        part = sent(start, before + count + after)
+        part = self._filter.apply(part, first, count) if self._filter.moves else part
+        cycles = None if self._noise is None else self._noise(first, count)
+        if self._step:
+            offset = np.mod(first * self._step, 1.0) + self._step * np.arange(count)
+            cycles = offset if cycles is None else cycles + offset
+        if cycles is None:
+            return part
+        # after reduction to one cycle, single precision has a phase error of 1e-7, at a fifth of the time
+        return part * exp_cycles((cycles - np.rint(cycles)).astype(np.float32))
 
 
 class _MovingFilter:
@@ -290,7 +269,9 @@ class _MovingFilter:
             return first, 0, 0
         delay = 0.0 if self._channel is None else self._channel.delays_s.max() * self._rate_hz
         before = int(np.ceil(delay)) + _GUARD
-        slip = int(np.ceil(abs(self._slip) * count)) + 1
+        slip = (
+            int(np.ceil(abs(self._slip) * count)) + 2
+        )  # a block of its ends may begin and end a sample apart
         return int(np.floor(first * (1.0 + self._slip))) - before - slip, before + slip, _GUARD + slip
 
     def apply(self, sent: np.ndarray, first: int, count: int) -> np.ndarray:
@@ -341,14 +322,6 @@ def _nodes(order: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     scale = np.where(degree == 0, 1.0, 2.0) / order
     weights = np.cos(degree * np.arccos(x)).T @ (scale * np.cos(degree * np.arccos(n)))
     return (x + 1.0) * (max(count - 1, 1) / 2.0), weights.astype(np.float32)
-
-
-@lru_cache(maxsize=32)
-def _between(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """(count + 1,) index of the node before each sample, and its position between nodes, for ``steps`` even steps."""
-    at = np.arange(count + 1) * (steps / count)
-    before = np.minimum(at.astype(np.intp), steps - 1)
-    return before, at - before
 
 
 def _shifts(cycles: np.ndarray, count: int) -> np.ndarray:

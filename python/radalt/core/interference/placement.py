@@ -17,7 +17,8 @@ class Emitter(Protocol):
 
     An emitter may also have ``write(span, mean_power, rate_hz, rng) -> bool``. It writes samples of power
     ``mean_power`` into ``span`` (complex64 or complex128) where this is faster than `samples`, and returns False if it
-    wrote and drew nothing.
+    wrote and drew nothing. With ``begin(rate_hz, rng)`` it is a function of time (see `transmission`) and goes on from
+    frame to frame in a stream; without, a stream draws it anew every 40 frames.
     """
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -90,6 +91,8 @@ def _place(frame: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.ra
         first = min(round(interferer.start * frame_samples), frame_samples - count)
     emitter, span = interferer.emitter, frame[first : first + count]
     wanted = 10.0 ** (-interferer.sir_db / 10.0) * frame_samples
+    if hasattr(emitter, "seek"):
+        emitter.seek(first)
     write = getattr(emitter, "write", None)
     if write is not None and write(span, wanted / count, rate_hz, rng):
         return

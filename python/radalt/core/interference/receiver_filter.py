@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..fir import kaiser_lowpass
+from .transmission import Signal
 
 PASSBAND_FRACTION = 0.9  # flat bandwidth over the output rate: usual for an SDR's decimator
 MAX_OVERSAMPLING = 64  # largest oversampling of an emitter: a window of 1 ms then takes 8 MB
@@ -33,13 +34,17 @@ def around(signal: np.ndarray, start: int, count: int) -> np.ndarray:
     return np.concatenate([signal[start:], *[signal] * whole, signal[:last]])
 
 
-def random_window(signal: np.ndarray, residual: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count,) samples of an (n,) signal that repeats: random start and phase, shifted by ``residual`` cycles each."""
-    start = rng.integers(0, signal.size)
+def repeated(signal: np.ndarray, residual: float, rng: np.random.Generator) -> Signal:
+    """An (n,) signal without end: random start and phase, shifted by ``residual`` cycles per sample."""
+    start = int(rng.integers(0, signal.size))
     phase = rng.random()
-    window = around(signal, start, count)
-    cycles = phase + np.arange(count) * residual if residual else phase
-    return window * np.exp(2j * np.pi * cycles)
+
+    def cut(first: int, count: int) -> np.ndarray:
+        window = around(signal, (start + first) % signal.size, count)
+        turned = phase + np.mod(first * residual, 1.0)
+        return window * np.exp(2j * np.pi * (turned + np.arange(count) * residual if residual else phase))
+
+    return cut
 
 
 @lru_cache(maxsize=32)

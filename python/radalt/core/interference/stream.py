@@ -7,71 +7,9 @@ import numpy as np
 
 from ..programme import Programme
 from ..waveform import Waveform
-from .effects import WINDOW_FRAMES, ImpairedEmitter, Running
-from .placement import Emitter, Interferer, interference_frames
-
-
-class Continued:
-    """An emitter that is continuous from frame to frame: one window spans many frames, each call takes the next part.
-
-    Symbols, carrier phase and fading are continuous within a window; the next window is drawn anew. Not for emitters
-    that draw windows in which they are received (``always_in_window``).
-
-    Parameters
-    ----------
-    emitter : Emitter
-    frame_samples : int
-        Samples between the starts of two calls.
-    frames : int
-        Frames in one window.
-    repeats : bool
-        Whether the first window is repeated without end, for an emitter whose period divides it.
-    steady : bool
-        Constant gain over the window, as of a transmitter: the SIR holds over the window. Otherwise each frame is
-        scaled to the SIR.
-    cycles : float
-        Cycles of the emitter's carrier in a repeated window, so that the carrier phase is continuous at its seam.
-    """
-
-    def __init__(
-        self,
-        emitter: Emitter,
-        frame_samples: int,
-        frames: int = 40,
-        *,
-        repeats: bool = False,
-        steady: bool = False,
-        cycles: float = 0.0,
-    ) -> None:
-        self.emitter, self.frame_samples, self.frames = emitter, frame_samples, frames
-        self.repeats, self.steady = repeats, steady
-        self._rotation = np.exp(2j * np.pi * (cycles % 1.0)) if cycles % 1.0 else None
-        self._next, self._window = 0, np.empty(0, dtype=np.complex128)
-        self._energy = 0.0
-
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `Emitter`; ``count`` is at most ``frame_samples``."""
-        if self._next == 0 and not (self.repeats and self._window.size):
-            self._window = self.emitter.samples(self.frames * self.frame_samples, rate_hz, rng)
-            self._energy = np.vdot(self._window, self._window).real
-        elif self._next == 0 and self._rotation is not None:
-            self._window *= self._rotation
-        first = self._next * self.frame_samples
-        self._next = (self._next + 1) % self.frames
-        return self._window[first : first + count]
-
-    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """See `Emitter`: with the window's gain if ``steady``, else nothing is written."""
-        if not self.steady:
-            return False
-        part = self.samples(span.size, rate_hz, rng)
-        energy = self._energy
-        if energy > 0:
-            gain = np.sqrt(mean_power * self._window.size / energy)
-            np.multiply(part, gain, out=span, casting="same_kind")
-        else:
-            span[:] = 0
-        return True
+from .effects import ImpairedEmitter, Path
+from .placement import Interferer, interference_frames
+from .transmission import Transmission
 
 
 class JammerStream:
@@ -90,10 +28,11 @@ class JammerStream:
     free_running : bool
         False: each burst lies within one sweep. True: the burst grid is offset against the sweep's by a random part of
         a frame, as for an emitter that is not synchronised to the radar. SIR and overlap then hold in the grid's
-        windows. Interference with full overlap is continuous from frame to frame with constant gain: without end if it
-        repeats (5G NR, recordings), else in windows of 40 frames. The total SIR then holds in the mean; with
-        ``fading`` in the mean over the fading. Channels and oscillators of ``fading``, ``oscillator`` and
-        ``phase_noise`` are continuous in both cases.
+        windows. Transmitters go on from frame to frame: in bursts, symbols, carrier and timing run on through the gaps;
+        with full overlap the gain is constant, and the total SIR holds in the mean; with ``fading`` in the mean over
+        the fading. Those with ``always_in_window`` are drawn anew in every frame, and plug-ins without ``begin`` every
+        40 frames. Channels and oscillators of ``fading``, ``oscillator`` and ``phase_noise`` are continuous in both
+        cases.
     total_sir_db : float or None
         SIR of the sum; None keeps each interferer's SIR.
     """
@@ -110,7 +49,7 @@ class JammerStream:
     ) -> None:
         self.waveform, self.programme = waveform, programme
         self._free_running = free_running
-        self._running: dict[int, Continued | Running] = {}  # by place
+        self._running: dict[int, Transmission | Path] = {}  # by place
         self.play(interferers, total_sir_db)
         self._rng = np.random.default_rng([seed, 0x3A3])
         n = waveform.samples_per_frame
@@ -122,49 +61,28 @@ class JammerStream:
         self._trial = b"" if programme is None else programme.is_trial(np.arange(frames)).tobytes()
 
     def play(self, interferers: Sequence[Interferer], total_sir_db: float | None = None) -> None:
-        """Change the interferers and their SIR from the next frame on; continuous emitters are not restarted."""
+        """Change the interferers and their SIR from the next frame on; transmissions are not begun again."""
         self.interferers, self.total_sir_db = tuple(interferers), total_sir_db
-        self._playing, self._scaled_to_db = self.interferers, total_sir_db
-        if not self._free_running:
-            self._playing = tuple(self._moving(k, one, steady=False) for k, one in enumerate(interferers))
-            return
-        self._playing = tuple(self._continued(k, one) for k, one in enumerate(interferers))
+        self._playing = tuple(self._going_on(k, one) for k, one in enumerate(interferers))
+        self._scaled_to_db = total_sir_db
         emitters = [i.emitter for i in self._playing]
-        if total_sir_db is not None and all(
-            isinstance(e, Continued | Running) and e.steady for e in emitters
-        ):
+        if total_sir_db is not None and all(isinstance(e, Transmission) and e.steady for e in emitters):
             # a scale per frame would make the sum step between frames
             excess_db = total_sir_db + 10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in interferers))
             self._playing = tuple(replace(i, sir_db=i.sir_db + excess_db) for i in self._playing)
             self._scaled_to_db = None
 
-    def _continued(self, place: int, interferer: Interferer) -> Interferer:
-        """The interferer, made continuous from frame to frame if it has full overlap."""
+    def _going_on(self, place: int, interferer: Interferer) -> Interferer:
+        """The interferer as it goes on from frame to frame; as it is, where every frame is drawn anew."""
         emitter, running = interferer.emitter, self._running.get(place)
-        full_overlap = interferer.overlap == 1 and not getattr(emitter, "always_in_window", False)
-        if isinstance(emitter, ImpairedEmitter):
-            return self._moving(place, interferer, steady=full_overlap)
-        if not full_overlap:
+        goes_on = self._free_running and not getattr(emitter, "always_in_window", False)
+        if not goes_on and not isinstance(emitter, ImpairedEmitter):
             return interferer
         if running is None or running.emitter is not emitter:
-            frames = getattr(emitter, "period_s", 0.0) / self.waveform.sweep_s
-            repeats = frames >= 1 and frames == round(frames)
-            count = round(frames) if repeats else WINDOW_FRAMES
-            n = self.waveform.samples_per_frame
-            cycles = getattr(emitter, "carrier_hz", 0.0) * count * self.waveform.sweep_s if repeats else 0.0
-            running = Continued(emitter, n, count, repeats=repeats, steady=True, cycles=cycles)
-            self._running[place] = running
-        return replace(interferer, emitter=running)
-
-    def _moving(self, place: int, interferer: Interferer, *, steady: bool) -> Interferer:
-        """The interferer with its channel and oscillators, if any, made continuous from frame to frame."""
-        emitter, running = interferer.emitter, self._running.get(place)
-        if not isinstance(emitter, ImpairedEmitter):
-            return interferer
-        if running is None or running.emitter is not emitter:
-            running = Running(emitter, self.waveform.samples_per_frame)
-            self._running[place] = running
-        running.steady = steady  # bursts and full overlap share the channel when the overlap is changed
+            kind = Transmission if goes_on else Path
+            running = self._running[place] = kind(emitter, self.waveform.samples_per_frame)
+        if isinstance(running, Transmission):
+            running.steady = interferer.overlap == 1  # else every burst is scaled to the SIR
         return replace(interferer, emitter=running)
 
     def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:
@@ -176,6 +94,8 @@ class JammerStream:
         if self._is_silent(index):
             frame[:] = 0
         else:
+            for running in self._running.values():
+                running.frame_index = index
             interference_frames(
                 self._playing,
                 1,

@@ -8,28 +8,40 @@ from fractions import Fraction
 import numpy as np
 from scipy import signal
 
-from ...core.interference import Interferer, QpskEmitter, ToneEmitter
-from ...core.interference.effects import ImpairedEmitter, Impairments, Running
+from ...core.interference import Emitter, Interferer, QpskEmitter, ToneEmitter
+from ...core.interference.effects import ImpairedEmitter, Impairments
 from ...core.interference.effects import parts as parts_of
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.evm import TYPICAL
 from ...core.interference.multipath import FadingChannel
-from ...core.interference.stream import Continued
+from ...core.interference.transmission import Signal, Transmission, in_blocks
 from ...core.scene import load_scene
-from .cases import BLOCK, WAVEFORM, Case
+from .cases import WAVEFORM, Case
 
 _ANEW = "fmcw"  # an emitter that is heard now and then: each frame's window is drawn to contain a passage
-_PERIODIC = "pulsed_radar"  # an emitter of 4 kHz, whose frames are all the same
-_NR_FRAMES = BLOCK // 10  # NR frames of 10 ms in the window of an emitter
-_NR_REPEATED = 20  # radar frames after which a repeating transmitter starts again (docs/tracker.md)
+_NR_FRAMES = 4  # NR frames of 10 ms after which a drawn transmitter starts again
+_REPEATED = 20  # radar frames after which a repeating transmitter starts again (docs/tracker.md)
 _TRANSMITTED_S = 0.3  # signal of GNU Radio's transmitters from which every 40 ms are drawn
 
 
 @dataclass(frozen=True)
 class _Samples:
-    """An emitter known by its samples only, so that no period of it is repeated."""
+    """An emitter known by windows of its samples only."""
 
     samples: Callable[[int, float, np.random.Generator], np.ndarray]
+
+
+@dataclass(frozen=True)
+class _Repeated:
+    """The first ``period`` samples of an emitter, again and again."""
+
+    emitter: Emitter
+    period: int
+
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """See `Emitter`."""
+        first = self.emitter.samples(self.period, rate_hz, rng)
+        return in_blocks(lambda k: first, self.period)
 
 
 def interferers_of(case: Case, rng: np.random.Generator) -> tuple[list[Interferer], float | None]:
@@ -59,18 +71,14 @@ def interferers_of(case: Case, rng: np.random.Generator) -> tuple[list[Interfere
 
 def _continued(case: Case, emitter: object) -> object:
     """The emitter as it continues from frame to frame."""
-    name = getattr(parts_of(emitter)[0], "scene_name", "")
+    count = WAVEFORM.samples_per_frame
     if case.kind == "fading":
         fading = FadingChannel(profile="EVA", doppler_hz=case.value)
-        through = ImpairedEmitter(emitter=_Samples(emitter.samples), effects=Impairments(fading=fading))
-        running = Running(through, WAVEFORM.samples_per_frame)
-        running.steady = True
-        return running
-    if name == _ANEW:
+        through = ImpairedEmitter(emitter=emitter, effects=Impairments(fading=fading))
+        return Transmission(through, count, steady=True)
+    if getattr(parts_of(emitter)[0], "scene_name", "") == _ANEW:
         return emitter
-    periodic = name == _PERIODIC or case.kind == "repeating"
-    length = (1 if name == _PERIODIC else _NR_REPEATED) if periodic else BLOCK
-    return Continued(emitter, WAVEFORM.samples_per_frame, length, repeats=periodic)
+    return Transmission(_Repeated(emitter, _REPEATED * count) if case.kind == "repeating" else emitter, count)
 
 
 def _transmitter(name: str, seed: int) -> _Samples:

@@ -7,6 +7,8 @@ import importlib
 import pkgutil
 from typing import ClassVar, TypeVar
 
+import numpy as np
+
 from ...plugins import load_plugins
 
 __all__ = ["NamedEmitter", "emitter_class", "emitter_names", "register"]
@@ -15,7 +17,9 @@ __all__ = ["NamedEmitter", "emitter_class", "emitter_names", "register"]
 class NamedEmitter:
     """Base of an emitter that a scene can name: a frozen dataclass whose fields are its keys in the scene.
 
-    It adds the emitter's names to what placement needs (`radalt.core.interference.placement.Emitter`).
+    It adds the emitter's names to what placement needs (`radalt.core.interference.placement.Emitter`). A class defines
+    ``begin(rate_hz, rng)``, which draws a transmission and returns its samples as a function of ``(first, count)``; or
+    ``samples``, if windows of it have nothing to do with each other.
 
     Attributes
     ----------
@@ -29,6 +33,10 @@ class NamedEmitter:
     def label(self) -> str:
         """Short name in rows and figures, without blanks; the emitter's parameters may be part of it."""
         return self.scene_name
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """(count,) complex128 samples of a transmission that begins anew; see `Emitter`."""
+        return self.begin(rate_hz, rng)(0, count)
 
     def title(self, band_hz: float) -> str:
         """The emitter in words, for headings; ``band_hz`` is the radar's bandwidth."""

@@ -13,6 +13,7 @@ import numpy as np
 from ...parsing import check_range
 from ...waveform import exp_cycles
 from ..receiver_filter import PASSBAND_FRACTION, check_positive, decimate_window, oversampling, window_guard
+from ..transmission import Signal
 from . import NamedEmitter, register
 
 
@@ -46,6 +47,7 @@ class FmcwEmitter(NamedEmitter):
     """
 
     scene_name: ClassVar[str] = "fmcw"
+    unit_power: ClassVar[bool] = True
 
     carrier_hz: float = 0.0
     sweep_bandwidth_hz: float = 150e6
@@ -106,6 +108,13 @@ class FmcwEmitter(NamedEmitter):
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window with random timing and phase: (count,) complex128, long-run mean power near 1."""
+        return self._sent(rate_hz, self._start_s(count, rate_hz, rng), rng)(0, count)
+
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw a transmission with random timing and phase, whatever `always_in_window`: most frames are empty."""
+        return self._sent(rate_hz, rng.random() * self.sweep_period_s, rng)
+
+    def _sent(self, rate_hz: float, start_s: float, rng: np.random.Generator) -> Signal:
         fraction = self.in_band_fraction(rate_hz)
         if fraction == 0.0:
             raise ValueError(
@@ -114,8 +123,11 @@ class FmcwEmitter(NamedEmitter):
             )
         factor = oversampling(rate_hz, abs(self.carrier_hz) + self.sweep_bandwidth_hz / 2)
         guard = window_guard(rate_hz, factor)
-        start_s = self._start_s(count, rate_hz, rng)
-        index = np.arange(-guard * factor, (count + guard) * factor)
-        phase = self.phase_cycles(start_s + index / (factor * rate_hz)) + rng.random()
-        wide = exp_cycles(phase, np.complex128)
-        return decimate_window(wide, rate_hz, factor) / np.sqrt(fraction)
+        phase = rng.random()
+
+        def signal(first: int, count: int) -> np.ndarray:
+            index = np.arange((first - guard) * factor, (first + count + guard) * factor)
+            wide = exp_cycles(self.phase_cycles(start_s + index / (factor * rate_hz)) + phase, np.complex128)
+            return decimate_window(wide, rate_hz, factor) / np.sqrt(fraction)
+
+        return signal

@@ -13,7 +13,8 @@ import numpy as np
 from ..evm import evm_title
 from ..nr_config import SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
 from ..nr_grid import resource_grid, transmitted
-from ..receiver_filter import random_window, resample_periodic
+from ..receiver_filter import repeated, resample_periodic
+from ..transmission import Signal
 from . import NamedEmitter, register
 
 if TYPE_CHECKING:
@@ -107,8 +108,8 @@ class NrEmitter(NamedEmitter, NrConfig):
     carrier_hz : offset of the NR carrier's centre from the radar's centre frequency
     (all of `NrConfig`)
 
-    `samples` cuts random windows (uniform start, uniform carrier phase) from a cached signal of
-    `frame_count` frames that repeats without a seam. Mean power over that signal is 1 after the filter.
+    A transmission has a uniform start and carrier phase in a cached signal of `frame_count` frames that repeats without
+    a seam. Mean power over that signal is 1 after the filter.
 
     Example
     -------
@@ -117,6 +118,7 @@ class NrEmitter(NamedEmitter, NrConfig):
     """
 
     scene_name: ClassVar[str] = "nr"
+    unit_power: ClassVar[bool] = True
 
     carrier_hz: float = 0.0
 
@@ -136,26 +138,21 @@ class NrEmitter(NamedEmitter, NrConfig):
         """See `NamedEmitter.title`."""
         return f"5G NR, {self.channel_bandwidth_hz / 1e6:g} MHz, {evm_title(self.evm)}"
 
-    @property
-    def period_s(self) -> float:
-        """Period of the signal in seconds."""
-        return self.frame_count * FRAME_SECONDS
-
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """Draw a window: (count,) complex128 at `rate_hz`, mean power 1 in the long run.
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw a transmission: random start and phase, mean power 1 over its period.
 
         Raises ValueError if the carrier lies outside the receiver's band or the rate is no small ratio of the
         native rate and a multiple of 100 Hz.
         """
         signal, residual_hz = self.period(rate_hz)
-        return random_window(signal, residual_hz / rate_hz, count, rng)
+        return repeated(signal, residual_hz / rate_hz, rng)
 
     def period(self, rate_hz: float, amplifier: "Amplifier | None" = None) -> tuple[np.ndarray, float]:
         """One period of the received signal, for streaming: (frame_count * 10 ms * rate,) complex128, and Hz.
 
         The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a
         multiple of 100 Hz; the second value, within +-50 Hz, is the remaining shift. An ``amplifier`` acts on the
-        transmitted signal, at four times the carrier's rate or more. Raises as `samples`.
+        transmitted signal, at four times the carrier's rate or more. Raises as `begin`.
         """
         return _received(self, float(rate_hz), amplifier)
 

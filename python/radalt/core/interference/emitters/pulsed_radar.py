@@ -13,6 +13,7 @@ import numpy as np
 
 from ...waveform import exp_cycles
 from ..receiver_filter import check_positive, decimate_window, oversampling, window_guard
+from ..transmission import Signal
 from . import NamedEmitter, register
 
 
@@ -38,6 +39,7 @@ class PulsedRadarEmitter(NamedEmitter):
     """
 
     scene_name: ClassVar[str] = "pulsed_radar"
+    unit_power: ClassVar[bool] = True
 
     carrier_hz: float = 0.0
     prf_hz: float = 2e3
@@ -88,8 +90,16 @@ class PulsedRadarEmitter(NamedEmitter):
             start_s = (within - 0.5) * self.pulse_width_s - position * count / rate_hz
         else:
             start_s = position / self.prf_hz
-        received = self._received(start_s, count, rate_hz)
-        return received * (np.exp(2j * np.pi * phase) / np.sqrt(_pulse_power(self, rate_hz)))
+        return self._sent(rate_hz, start_s, phase)(0, count)
+
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw a transmission with random timing and phase; many frames are empty, whatever `always_in_window`."""
+        position, phase = rng.random(2)
+        return self._sent(rate_hz, position / self.prf_hz, phase)
+
+    def _sent(self, rate_hz: float, start_s: float, phase: float) -> Signal:
+        gain = np.exp(2j * np.pi * phase) / np.sqrt(_pulse_power(self, rate_hz))
+        return lambda first, count: self._received(start_s + first / rate_hz, count, rate_hz) * gain
 
 
 @lru_cache(maxsize=32)

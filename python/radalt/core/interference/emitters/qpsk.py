@@ -11,6 +11,7 @@ import numpy as np
 from ...parsing import check_range
 from ...waveform import exp_cycles
 from ..evm import check_evm, error_vectors, evm_fraction, evm_title
+from ..transmission import Signal, in_drawn_blocks
 from . import NamedEmitter, register
 
 
@@ -108,23 +109,42 @@ class QpskEmitter(NamedEmitter):
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`."""
+        return self._sent(rate_hz, rng, lambda first, number: qpsk_symbols(number, rng, self.evm_fraction))(
+            0, count
+        )
+
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw a transmission: symbols, phase and symbol timing."""
+        symbols = in_drawn_blocks(
+            lambda drawn: qpsk_symbols(_DRAWN, drawn, self.evm_fraction), _DRAWN, rng, keep=4
+        )
+        return self._sent(rate_hz, rng, symbols)
+
+    def _sent(self, rate_hz: float, rng: np.random.Generator, symbols: Signal) -> Signal:
+        """The transmission of ``symbols``; timing and phase are drawn."""
         self.check_rate(rate_hz)
         rate = self.symbol_rate_hz / rate_hz
         offset, phase = rng.random(2)
         rotation = np.exp(2j * np.pi * phase)
-        if self.pulse == "rectangular":
-            drawn, index = self._held(count, rate, offset, rng)
-            symbols = _CONSTELLATION[drawn]
-            if self.evm:
-                symbols += error_vectors(symbols.size, self.evm_fraction, rng)
-            if not self.carrier_hz:  # the carrier phase is applied to symbols, which are fewer than samples
-                return np.take(symbols * rotation, index)
-            baseband = symbols[index]
-        else:
-            baseband = self._shaped(count, rate, offset, rng)
-        if self.carrier_hz:
-            return baseband * exp_cycles(_ramp(count, self.carrier_hz / rate_hz) + phase, np.complex128)
-        return baseband * rotation
+        step = self.carrier_hz / rate_hz
+
+        def signal(first: int, count: int) -> np.ndarray:
+            if self.pulse == "rectangular":
+                start, index = _held_index(first, count, rate, offset)
+                sent = symbols(start, int(index[-1]) + 1)
+                if (
+                    not self.carrier_hz
+                ):  # the carrier phase is applied to symbols, which are fewer than samples
+                    return np.take(sent * rotation, index)
+                baseband = sent[index]
+            else:
+                baseband = self._shaped(first, count, rate, offset, symbols)
+            if self.carrier_hz:
+                turned = np.mod(first * step, 1.0) + phase
+                return baseband * exp_cycles(_ramp(count, step) + turned, np.complex128)
+            return baseband * rotation
+
+        return signal
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Write samples of power ``mean_power`` into ``span``, complex64 or complex128, faster than by `samples`.
@@ -136,42 +156,34 @@ class QpskEmitter(NamedEmitter):
         if self.pulse != "rectangular" or self.carrier_hz or self.evm or rate > 1:
             return False
         offset, phase = rng.random(2)
-        drawn, index = self._held(span.size, rate, offset, rng)
+        _, index = _held_index(0, span.size, rate, offset)
+        drawn = rng.integers(0, 4, int(index[-1]) + 1)
         points = _CONSTELLATION * np.exp(2j * np.pi * phase)
         points *= math.sqrt(mean_power)
         # the default mode buffers the output
         np.take(points.astype(span.dtype).take(drawn, mode="wrap"), index, out=span, mode="wrap")
         return True
 
-    @staticmethod
-    def _held(
-        count: int, rate: float, offset: float, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Constellation points of the symbols, ``rate`` per sample, and the (count,) symbol index of each sample."""
-        # conversion of non-negative times is the floor; fused with the sum it takes half the time, and 32 bits are
-        # vectorised
-        index = np.add(_ramp(count, rate), offset, out=np.empty(count, dtype=np.int32), casting="unsafe")
-        return rng.integers(0, 4, int(index[-1]) + 1 if count else 1), index
-
-    def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
+    def _shaped(self, first: int, count: int, rate: float, offset: float, symbols: Signal) -> np.ndarray:
         """Polyphase root-raised-cosine at the rational ``down/up`` samples per symbol nearest to ``1/rate``."""
         ratio = Fraction(1 / rate).limit_denominator(64)
         up, down = ratio.numerator, ratio.denominator
         # a pulse decays over 1 / rolloff symbols: truncated at 1.2 / rolloff, its spectrum ripples by a few percent
         side = int(np.ceil(min(32.0, max(6.0, 1.2 / max(self.rolloff, 1e-3)))))
         taps = rrc_taps(self.rolloff, up, 2 * side)
-        lead = int(offset * up)  # symbol timing, in steps of 1/up symbol
-        symbols = -(-(count * down + lead) // up) + 2 * side
-        start = side * up + lead
+        oldest, lead = divmod(first * down + int(offset * up), up)  # symbol timing, in steps of 1/up symbol
+        number = -(-(count * down + lead) // up) + 2 * side
+        start = 2 * side * up + lead  # where the oldest pulse has begun
         pad = -start % down  # zeros before the taps, so that decimation by ``down`` keeps the right samples
         taps = np.concatenate([np.zeros(pad), taps * np.sqrt(up)])
         from scipy import signal  # see core/fir.py
 
-        shaped = signal.upfirdn(taps, qpsk_symbols(symbols, rng, self.evm_fraction), up, down)
+        shaped = signal.upfirdn(taps, symbols(oldest, number), up, down)
         start = (start + pad) // down
         return shaped[start : start + count]
 
 
+_DRAWN = 4096  # symbols drawn at once
 _CONSTELLATION = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
 
 
@@ -179,6 +191,16 @@ def qpsk_symbols(count: int, rng: np.random.Generator, evm: float = 0.0) -> np.n
     """(count,) random unit QPSK symbols with error vectors of RMS ``evm``."""
     symbols = _CONSTELLATION[rng.integers(0, 4, count)]
     return symbols + error_vectors(count, evm, rng) if evm else symbols
+
+
+def _held_index(first: int, count: int, rate: float, offset: float) -> tuple[int, np.ndarray]:
+    """Number of the symbol of sample ``first``, and the (count,) symbols from it on, ``rate`` per sample."""
+    start, within = divmod(first * rate + offset, 1.0)
+    # conversion of non-negative times is the floor; fused with the sum it takes half the time, and 32 bits are
+    # vectorised
+    return int(start), np.add(
+        _ramp(count, rate), within, out=np.empty(count, dtype=np.int32), casting="unsafe"
+    )
 
 
 @lru_cache(maxsize=16)

@@ -8,8 +8,9 @@ import numpy as np
 from ...parsing import check_range
 from ...waveform import exp_cycles
 from ..receiver_filter import decimate_window, window_guard
+from ..transmission import Signal
 from . import register
-from .qpsk import QpskEmitter, qpsk_symbols, rrc_taps
+from .qpsk import QpskEmitter, rrc_taps
 
 # rate of the pulses over the radar's: rectangular ones have side lobes without end, root-raised-cosine is band-limited
 _OVERSAMPLING = {"rectangular": 16, "rrc": 2}
@@ -47,36 +48,44 @@ class QpskReceivedEmitter(QpskEmitter):
         """See `NamedEmitter.title`."""
         return f"{super().title(band_hz)}, as received"
 
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `Emitter`; mean power is 1 in the long run before the filter."""
+    def _sent(self, rate_hz: float, rng: np.random.Generator, symbols: Signal) -> Signal:
+        """See `QpskEmitter`; mean power is 1 in the long run before the filter."""
         self.check_rate(rate_hz)
         factor = _OVERSAMPLING[self.pulse]
-        longer = factor * (count + 2 * window_guard(rate_hz, factor))
+        guard = 2 * window_guard(rate_hz, factor)
         symbols_per_sample = self.symbol_rate_hz * (1 + 1e-6 * self.clock_ppm) / (rate_hz * factor)
+        cycles_per_sample = self.carrier_hz / (rate_hz * factor)
         timing, phase = rng.random(2)
-        times = timing + symbols_per_sample * np.arange(longer + 1)
-        if self.pulse == "rectangular":
-            fine = _held(times, self.evm_fraction, rng)
-        else:
-            fine = _shaped(times[:-1], self.rolloff, self.evm_fraction, rng)
-        cycles = phase + self.carrier_hz / (rate_hz * factor) * np.arange(longer)
-        return decimate_window(fine * exp_cycles(cycles, np.complex128), rate_hz, factor)
+
+        def signal(first: int, count: int) -> np.ndarray:
+            longer = factor * (count + guard)
+            oldest, within = divmod(timing + symbols_per_sample * factor * first, 1.0)
+            times = within + symbols_per_sample * np.arange(longer + 1)
+            if self.pulse == "rectangular":
+                fine = _held(times, int(oldest), symbols)
+            else:
+                fine = _shaped(times[:-1], int(oldest), self.rolloff, symbols)
+            turned = phase + np.mod(cycles_per_sample * factor * first, 1.0)
+            turns = exp_cycles(turned + cycles_per_sample * np.arange(longer), np.complex128)
+            return decimate_window(fine * turns, rate_hz, factor)
+
+        return signal
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Always False: there is no faster way than `samples`."""
         return False
 
 
-def _held(times: np.ndarray, evm: float, rng: np.random.Generator) -> np.ndarray:
+def _held(times: np.ndarray, oldest: int, symbols_from: Signal) -> np.ndarray:
     """(n,) means of rectangular pulses between n + 1 ``times`` in symbols."""
     index = times.astype(np.intp)
-    symbols = qpsk_symbols(int(index[-1]) + 1, rng, evm)
+    symbols = symbols_from(oldest, int(index[-1]) + 1)
     before = np.concatenate([[0.0], np.cumsum(symbols)])
     integral = before[index] + (times - index) * symbols[index]
     return np.diff(integral) / (times[1] - times[0])
 
 
-def _shaped(times: np.ndarray, rolloff: float, evm: float, rng: np.random.Generator) -> np.ndarray:
+def _shaped(times: np.ndarray, oldest: int, rolloff: float, symbols_from: Signal) -> np.ndarray:
     """(n,) samples of root-raised-cosine pulses at ``times`` in symbols."""
     side = int(np.ceil(min(32.0, max(6.0, 1.2 / max(rolloff, 1e-3)))))  # as in `QpskEmitter`
     taps = rrc_taps(rolloff, _STEPS, 2 * side) * np.sqrt(_STEPS)
@@ -84,7 +93,7 @@ def _shaped(times: np.ndarray, rolloff: float, evm: float, rng: np.random.Genera
     low = place.astype(np.intp)
     part = place - low
     index = times.astype(np.intp)
-    symbols = qpsk_symbols(int(index[-1]) + 2 * side, rng, evm)
+    symbols = symbols_from(oldest, int(index[-1]) + 2 * side)
     out = np.zeros(times.size, dtype=np.complex128)
     for offset in range(2 * side):  # the oldest pulse first
         at = low + (2 * side - 1 - offset) * _STEPS

@@ -11,7 +11,8 @@ import numpy as np
 from ...parsing import LARGEST, InputError, check_file, check_range, shown
 from ...sigmf_file import SigmfFile, open_raw, open_sigmf
 from ..own_noise import MOST_DB, prefix_snr_db
-from ..receiver_filter import around, rate_ratio, resample_periodic
+from ..receiver_filter import rate_ratio, repeated, resample_periodic
+from ..transmission import Signal
 from . import NamedEmitter, register
 
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
@@ -55,6 +56,7 @@ class RecordingEmitter(NamedEmitter):
     """
 
     scene_name: ClassVar[str] = "recording"
+    unit_power: ClassVar[bool] = True
 
     file: str = ""
     offset_hz: float = 0.0
@@ -105,22 +107,13 @@ class RecordingEmitter(NamedEmitter):
             )
         return (*(f"{name}: {word} {shown(text)}" for word, text in said if text), noise)
 
-    @property
-    def period_s(self) -> float:
-        """Period in seconds: ``seconds``, or the rest of a shorter file. Raises ValueError as `load`."""
-        recording = _open(self)
-        return min(self.seconds, recording.sample_count / _source_hz(self, recording.rate_hz) - self.start_s)
-
     def load(self, rate_hz: float) -> np.ndarray:
         """The part in use behind the receiver's filter, at ``rate_hz``: (n,) complex128, mean power 1, read-only."""
         return _received(self, float(rate_hz))
 
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """Draw a window: (count,) complex128 at ``rate_hz``, random start and phase."""
-        received = self.load(rate_hz)
-        start = rng.integers(0, received.size)
-        phasor = np.exp(2j * np.pi * rng.random())
-        return phasor * around(received, start, count)
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw a transmission: random start and phase; the part in use repeats."""
+        return repeated(self.load(rate_hz), 0.0, rng)
 
 
 def _open(emitter: RecordingEmitter) -> SigmfFile:

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...waveform import exp_cycles, sum_of_waves
+from ..transmission import Signal
 from . import NamedEmitter, register
 
 
@@ -25,6 +26,7 @@ class ToneEmitter(NamedEmitter):
     """
 
     scene_name: ClassVar[str] = "tones"
+    unit_power: ClassVar[bool] = True
 
     count: int = 1
     frequencies_hz: tuple[float, ...] = ()
@@ -43,8 +45,8 @@ class ToneEmitter(NamedEmitter):
         count = len(self.frequencies_hz) or self.count
         return "one tone" if count == 1 else f"{count} tones"
 
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `Emitter`; new frequencies and phases at every call."""
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        """Draw frequencies and phases."""
         if self.frequencies_hz:
             frequencies = np.asarray(self.frequencies_hz, dtype=float)
             if np.any(np.abs(frequencies) > rate_hz / 2):
@@ -59,4 +61,9 @@ class ToneEmitter(NamedEmitter):
             frequencies = rng.uniform(-0.5, 0.5, self.count) * span
         phases = rng.random(frequencies.size)
         weights = exp_cycles(phases, np.complex128) / np.sqrt(frequencies.size)
-        return sum_of_waves(weights, frequencies / rate_hz, count)
+        steps = frequencies / rate_hz
+
+        def signal(first: int, count: int) -> np.ndarray:
+            return sum_of_waves(weights * exp_cycles(first * steps, np.complex128), steps, count)
+
+        return signal
