@@ -9,7 +9,6 @@ import pytest
 from pages import assert_whole
 from scipy import stats
 
-from radalt.core.interference import QpskEmitter
 from radalt.core.radio.recording import open_capture
 from radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous

@@ -19,7 +19,7 @@ from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
 from .multipath import FadedEmitter, FadingChannel, faded
 from .placement import Emitter
-from .transmission import Signal, begin, in_drawn_blocks
+from .transmission import InFrames, Signal, begin, in_drawn_blocks
 
 # Guard on either side of a block, samples, for the tails of fractional delays; the outer half is tapered.
 _GUARD = 128
@@ -188,32 +188,20 @@ class ImpairedEmitter(NamedEmitter):
         return lambda first, count: moving.received(sent, first, count)
 
 
-class Path:
+class Path(InFrames):
     """Channel and oscillators that go on, of an emitter that is drawn anew in every frame: emitter protocol.
 
-    Parameters
-    ----------
-    emitter : ImpairedEmitter
-    frame_samples : int
-        Samples between the starts of two frames.
+    The emitter is an `ImpairedEmitter`.
     """
 
-    def __init__(self, emitter: ImpairedEmitter, frame_samples: int) -> None:
-        self.emitter, self.frame_samples = emitter, frame_samples
-        self.frame_index, self._within = 0, 0
-        self._moving: _Moving | None = None
-
-    def seek(self, first: int) -> None:
-        """The next samples are those from ``first`` within the frame on."""
-        self._within = first
+    _moving: "_Moving | None" = None
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`; the next call is for the next frame."""
         if self._moving is None:
             self._moving = _Moving(self.emitter.effects, rate_hz, rng)
         moving, source = self._moving, self.emitter.source
-        first = self.frame_index * self.frame_samples + self._within
-        self.frame_index, self._within = self.frame_index + 1, 0
+        first = self._next_first()
         start, before, after = moving.span(first, count)
         if (
             self.emitter.always_in_window

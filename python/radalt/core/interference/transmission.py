@@ -9,16 +9,14 @@ from functools import lru_cache
 
 import numpy as np
 
-Signal = Callable[
-    [int, int], np.ndarray
-]  # (first, count) -> (count,) complex128 samples of numbers first ..., of any sign
+Signal = Callable[[int, int], np.ndarray]  # (first, count) -> (count,) complex128 samples, numbers first ...
 
 WINDOW = 300_000  # samples of a window drawn anew, and of the stretch in which the mean power is measured: 40 frames
 _BLOCK = 1 << 14  # samples made at once, on a fixed grid: every chunk is cut from the same blocks
 
 
 def in_blocks(make: Callable[[int], np.ndarray], size: int, keep: int = 2) -> Signal:
-    """A signal that is cut from blocks of ``size`` elements, block ``k`` being ``make(k)``; the last ``keep`` are kept."""
+    """A signal cut from blocks of ``size`` elements, block ``k`` being ``make(k)``; the last ``keep`` stay."""
     block = lru_cache(maxsize=keep)(make)
 
     def signal(first: int, count: int) -> np.ndarray:
@@ -58,7 +56,33 @@ def _unit_gain(power: float) -> float:
     return 1.0 / np.sqrt(power) if power > 0 else 1.0
 
 
-class Transmission:
+class InFrames:
+    """Place of the next samples of an emitter that goes on from frame to frame.
+
+    Parameters
+    ----------
+    emitter : Emitter
+    frame_samples : int
+        Samples between the starts of two frames.
+    """
+
+    def __init__(self, emitter: object, frame_samples: int) -> None:
+        self.emitter, self.frame_samples = emitter, frame_samples
+        self.frame_index = 0  # of the next frame
+        self._within = 0
+
+    def seek(self, first: int) -> None:
+        """The next samples are those from ``first`` within the frame on."""
+        self._within = first
+
+    def _next_first(self) -> int:
+        """Number of the first sample wanted; the next call is for the next frame."""
+        first = self.frame_index * self.frame_samples + self._within
+        self.frame_index, self._within = self.frame_index + 1, 0
+        return first
+
+
+class Transmission(InFrames):
     """A transmitter that goes on from frame to frame: emitter protocol.
 
     Its samples depend on the draw at its first call and on their numbers only, whatever was asked for before. Symbols,
@@ -66,27 +90,20 @@ class Transmission:
 
     Parameters
     ----------
-    emitter : Emitter
-    frame_samples : int
-        Samples between the starts of two frames.
+    emitter, frame_samples
+        See `InFrames`.
     steady : bool
         Constant gain: the SIR holds in the long run, before fading. Otherwise every frame is scaled to the SIR.
     """
 
     def __init__(self, emitter: object, frame_samples: int, *, steady: bool = False) -> None:
-        self.emitter, self.frame_samples, self.steady = emitter, frame_samples, steady
-        self.frame_index = 0  # of the next frame
-        self._within = 0
+        super().__init__(emitter, frame_samples)
+        self.steady = steady
         self._signal: Signal | None = None
-
-    def seek(self, first: int) -> None:
-        """The next samples are those from ``first`` within the frame on."""
-        self._within = first
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`; the next call is for the next frame."""
-        first = self.frame_index * self.frame_samples + self._within
-        self.frame_index, self._within = self.frame_index + 1, 0
+        first = self._next_first()
         if (
             count < self.frame_samples and self._signal is not None
         ):  # a burst takes its own time, not that of blocks
