@@ -222,6 +222,16 @@ def test_stream_is_silent_until_the_first_trial_and_on_synchronisation():
     np.testing.assert_allclose(power, expected, rtol=2e-3)
 
 
+def test_a_free_running_stream_is_silent_where_its_programme_is_and_nowhere_else():
+    """Also in the frame before a trial and behind it, in which its own windows lie."""
+    programme = Programme((100.0,), 20, preamble_frames=8, sync_every_frames=10, sync_frames=8)
+    one = Interferer(QpskEmitter(), -10.0)
+    stream = JammerStream(Waveform(), [one], programme=programme, seed=3, free_running=True)
+    power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(programme.total_frames)]
+    expected = np.where(programme.is_trial(np.arange(programme.total_frames)), 10.0, 0.0)
+    np.testing.assert_allclose(power, expected, rtol=2e-3)
+
+
 def test_free_running_stream_ignores_the_sweep():
     """Its bursts, tied to the start of its own windows, lie anywhere against ours, and keep their rate and power."""
     interferer = Interferer(QpskEmitter(), -10.0, 0.2, start=0.0)

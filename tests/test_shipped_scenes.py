@@ -48,7 +48,9 @@ def test_mixture_block_plays_the_scene_at_its_total_sir_and_stays_silent_in_the_
     power = np.mean(np.abs(frames.astype(np.complex128)) ** 2, axis=1)
     preamble = scene.altitude.preamble_frames
     assert not power[:preamble].any()
-    np.testing.assert_allclose(10 * np.log10(power[preamble:]), 20.0, atol=0.01)
+    # windows of a free-running emitter are not those of the radar: each frame has parts of two
+    within = 2.0 if any(one.free_running for one in scene.interference) else 0.01
+    np.testing.assert_allclose(10 * np.log10(power[preamble:]), 20.0, atol=within)
 
 
 @pytest.mark.parametrize(

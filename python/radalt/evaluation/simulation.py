@@ -50,7 +50,8 @@ def received(
     jammer = jammer_of(scene) if scene.has_jammer else None
     begin = 0
     if trials_only and channel.terrain is None:
-        begin = max(0, scene.altitude.preamble_frames - channel.memory_frames)
+        # a free-running jammer's window before the first trial reaches into it
+        begin = max(0, scene.altitude.preamble_frames - max(channel.memory_frames, 1))
         channel.skip(begin)
         if jammer is not None:
             jammer.frame_index = begin  # it is silent before the first trial

@@ -91,7 +91,10 @@ class JammerStream:
         self.frame_index += 1
         n = self.waveform.samples_per_frame
         frame = np.empty(n, dtype=np.complex64) if out is None else out
-        if self._is_silent(index):
+        silent = self._is_silent(index)
+        if silent and not (
+            self._shift and not self._is_silent(index + 1)
+        ):  # the next frame begins in this window
             frame[:] = 0
         else:
             for running in self._running.values():
@@ -108,7 +111,7 @@ class JammerStream:
         if self._shift:
             joined = np.concatenate([self._carry, frame])
             self._carry = joined[n:]
-            frame[:] = joined[:n]
+            frame[:] = 0 if silent else joined[:n]
         return frame
 
     def _is_silent(self, index: int) -> bool:
