@@ -4,6 +4,7 @@ The blocks schedule altitudes by frame index, never by sleeping or callbacks, so
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,6 +34,8 @@ class Programme:
         Length of a further synchronisation section, in frames.
     vertical_speed_m_per_s : float
         Range rate during trials; for true delays only (a beat shift has no Doppler).
+    speeds_m_per_s, phases_cycles : tuple of float
+        Range rate and carrier phase of each altitude, where returns are drawn; empty where they are not.
     hold_last : bool
         True repeats the last altitude without end; False returns to altitude zero, without trials.
     """
@@ -43,6 +46,8 @@ class Programme:
     sync_every_frames: int = 0
     sync_frames: int = 8
     vertical_speed_m_per_s: float = 0.0
+    speeds_m_per_s: tuple[float, ...] = ()
+    phases_cycles: tuple[float, ...] = ()
     hold_last: bool = False
 
     def __post_init__(self) -> None:
@@ -80,18 +85,30 @@ class Programme:
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:
         """Altitude and trial flag by frame index."""
-        trials = np.repeat(np.asarray(self.altitudes_m, dtype=float), self.frames_per_step)
-        altitude = [np.zeros(self.preamble_frames)]
-        trial = [np.zeros(self.preamble_frames, dtype=bool)]
+        trial = np.ones(self.trial_frames, dtype=bool)
+        return self._framed(self.altitudes_m), self._framed(trial, each=1)
+
+    @cached_property
+    def _speeds(self) -> np.ndarray:
+        """Range rate by frame index."""
+        speeds = self.speeds_m_per_s or (self.vertical_speed_m_per_s,) * len(self.altitudes_m)
+        return self._framed(speeds)
+
+    @cached_property
+    def _phases(self) -> np.ndarray:
+        """Carrier phase of drawn returns by frame index."""
+        return self._framed(self.phases_cycles)
+
+    def _framed(self, values: Sequence[float] | np.ndarray, each: int = 0) -> np.ndarray:
+        """A value per altitude by frame index, 0 in the preamble and in synchronisation sections."""
+        trials = np.repeat(np.asarray(values), each or self.frames_per_step)
+        parts = [np.zeros(self.preamble_frames, trials.dtype)]
         step = self.sync_every_frames or trials.size
         for first in range(0, trials.size, step):
             if first:
-                altitude.append(np.zeros(self.sync_frames))
-                trial.append(np.zeros(self.sync_frames, dtype=bool))
-            part = trials[first : first + step]
-            altitude.append(part)
-            trial.append(np.ones(part.size, dtype=bool))
-        return np.concatenate(altitude), np.concatenate(trial)
+                parts.append(np.zeros(self.sync_frames, trials.dtype))
+            parts.append(trials[first : first + step])
+        return np.concatenate(parts)
 
     @property
     def total_frames(self) -> int:
@@ -113,13 +130,19 @@ class Programme:
 
     def speed_m_per_s(self, frame_index: np.ndarray | int) -> np.ndarray:
         """Range rate of frames, any shape."""
-        return self.vertical_speed_m_per_s * self.is_trial(frame_index)
+        return self._look_up(self._speeds, frame_index)
+
+    def phase_cycles(self, frame_index: int) -> float | None:
+        """Carrier phase of a frame's drawn return; None where none is drawn."""
+        if not (self.phases_cycles and self.is_trial(frame_index)):
+            return None
+        return float(self._phases[frame_index])
 
     def at(self, frame_index: int) -> tuple[float, float]:
         """Altitude and range rate of one frame, without the overhead of arrays."""
-        altitude, trial = self._table
+        altitude, _ = self._table
         if 0 <= frame_index < altitude.size:
-            return float(altitude[frame_index]), self.vertical_speed_m_per_s * bool(trial[frame_index])
+            return float(altitude[frame_index]), float(self._speeds[frame_index])
         return float(self.altitude_m(frame_index)), float(self.speed_m_per_s(frame_index))
 
     def _look_up(self, table: np.ndarray, frame_index: np.ndarray | int) -> np.ndarray:

@@ -5,13 +5,14 @@ from functools import lru_cache
 import numpy as np
 
 from .programme import SentAltitudes
+from .returns.point import point_return
 from .waveform import Waveform
 
 
 class SentSweeps:
     """Transmitted sweeps of the radar, one per frame.
 
-    Up sweeps are shifted by ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
+    Drawn returns (`Programme.phases_cycles`) are played with delay and Doppler. Otherwise up sweeps are shifted by ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
 
     Parameters
     ----------
@@ -27,6 +28,11 @@ class SentSweeps:
 
     def sweep(self, index: int) -> np.ndarray:
         """(N,) complex64 sweep number ``index``; not to be written into."""
+        phase = self.sent.programme.phase_cycles(index)
+        if phase is not None and not self.sent.by_hand:
+            altitude_m, speed = self.sent.at(index)
+            drawn = {"vertical_speed_m_per_s": speed, "phase_cycles": phase, "frame_index": index}
+            return point_return(self.waveform, np.array([altitude_m]), **drawn)[0]
         altitude_m = self.sent.at(index)[0] if self.synthetic else 0.0
         table = _shifted(self.waveform, altitude_m)
         if self.waveform.cycles_per_frame:

@@ -54,7 +54,7 @@ def segmenter_of(scene: Scene, *, follow_programme: bool = True) -> FrameSegment
         scene.altitude.programme if follow_programme else None,
         scene.segmenter,
         max_altitude_m=top_m,
-        true_delay=scene.altitude.mode == "true_delay",
+        true_delay=scene.altitude.mode == "true_delay" or scene.altitude.drawn is not None,
         point_target=scene.return_model == "point",
         leakage=leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform),
         noise=scene.has_noise,

@@ -70,7 +70,7 @@ class Scene:
         self._check_leakage()
         top = self.altimeter_settings.max_altitude_m
         assert top is not None  # resolved
-        highest = max(self.altitude.programme_m, default=0.0)
+        highest = max(self.altitude.programme.altitudes_m)
         if self.return_model not in ("point", "terrain"):
             raise ValueError(f"return is {self.return_model!r}; allowed: point, terrain")
         if self.return_model == "terrain" and (self.landing is None or self.altitude.frames != 1):
@@ -167,14 +167,14 @@ class Scene:
     @property
     def altimeter_settings(self) -> AltimeterSettings:
         """Settings of the altimeter; an open search span is taken from the scene's altitudes."""
-        highest = max(self.altitude.programme_m, default=0.0)
+        highest = max(self.altitude.programme.altitudes_m)
         # terrain extends beyond its nearest point, and its range rate differs from the aircraft's
         if self.return_model == "terrain":
             return self.altimeter.resolved(self.waveform, highest_altitude_m=1.5 * highest)
         return self.altimeter.resolved(
             self.waveform,
             highest_altitude_m=highest,
-            vertical_speed_m_per_s=self.altitude.vertical_speed_m_per_s,
+            vertical_speed_m_per_s=self.altitude.fastest_m_per_s,
         )
 
     @property

@@ -3,12 +3,54 @@
 import re
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..parsing import check_range, shown
 from ..programme import Programme
 from ..radio.device import Device, device
 
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
 _MOST_ATTENUATION_DB = 150.0  # largest attenuation of a set-up, dB: beyond it no signal is above the noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnReturns:
+    """Point returns that are drawn for every frame: altitude and range rate evenly within limits, and phase.
+
+    The first frames do not depend on how many there are.
+
+    Parameters
+    ----------
+    frames : int
+        Frames of the run, each with a return of its own.
+    low_m, high_m : float
+        Limits of the altitude, 0 <= low < high.
+    speed_m_per_s : float
+        Largest range rate either way, 0..1000.
+    seed : int
+        Seed of the returns alone: the same at every level of interference.
+    """
+
+    frames: int = 60
+    low_m: float = 3.0
+    high_m: float = 1500.0
+    speed_m_per_s: float = 10.0
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        check_range(
+            "altitude.drawn", self, frames=(1, 1_000_000), low_m=(0.0, 1e5), speed_m_per_s=(0.0, 1000.0)
+        )
+        if not self.low_m < self.high_m <= 1e5:
+            raise ValueError(
+                f"altitude.drawn.high_m is {self.high_m:g}; it has to be above low_m {self.low_m:g}, and at most 1e5"
+            )
+
+    def draw(self) -> np.ndarray:
+        """(frames, 3): altitude in metres, range rate in m/s, phase in cycles."""
+        drawn = np.random.default_rng([self.seed, 0xA17]).random((self.frames, 3))
+        span = [self.high_m - self.low_m, 2.0 * self.speed_m_per_s, 1.0]
+        return drawn * span + [self.low_m, -self.speed_m_per_s, 0.0]
 
 
 @dataclass(frozen=True)
@@ -35,6 +77,9 @@ class AltitudeSpec:
         Length of a further synchronisation section.
     hold_last : bool
         Stay at the last altitude without end; for altitudes set by hand.
+    drawn : DrawnReturns or None
+        Point returns drawn per frame, with delay, Doppler and phase, in place of ``programme_m`` and ``frames``; the
+        source plays them, so they also work over the air.
     landing_frames : int
         Frames over which the scene's ``landing`` is flown, if it has one (a time lapse of the approach).
     """
@@ -47,6 +92,7 @@ class AltitudeSpec:
     sync_every_frames: int = 0
     sync_frames: int = 8
     hold_last: bool = False
+    drawn: DrawnReturns | None = None
     landing_frames: int = 200
 
     def __post_init__(self) -> None:
@@ -58,14 +104,24 @@ class AltitudeSpec:
                 f"altitude.vertical_speed_m_per_s {self.vertical_speed_m_per_s:g} needs mode: true_delay; "
                 "a beat shift has no Doppler"
             )
+        if self.drawn is not None and self.mode != "synthetic":
+            raise ValueError("altitude.drawn needs mode: synthetic; the source plays the delays")
         self.programme  # noqa: B018 - checks its numbers when it is made
+
+    @property
+    def fastest_m_per_s(self) -> float:
+        """Largest range rate that is flown."""
+        return self.vertical_speed_m_per_s if self.drawn is None else self.drawn.speed_m_per_s
 
     @property
     def programme(self) -> Programme:
         """The frame-by-frame programme."""
+        drawn = None if self.drawn is None else self.drawn.draw().T.tolist()
         return Programme(
-            altitudes_m=self.programme_m,
-            frames_per_step=self.frames,
+            altitudes_m=self.programme_m if drawn is None else tuple(drawn[0]),
+            speeds_m_per_s=() if drawn is None else tuple(drawn[1]),
+            phases_cycles=() if drawn is None else tuple(drawn[2]),
+            frames_per_step=self.frames if drawn is None else 1,
             preamble_frames=self.preamble_frames,
             sync_every_frames=self.sync_every_frames,
             sync_frames=self.sync_frames,
