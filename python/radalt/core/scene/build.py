@@ -6,7 +6,7 @@ from ..programme import SentAltitudes
 from ..receiver.leakage_file import leakage_canceller
 from ..receiver.segmenter import FrameSegmenter
 from ..returns.landing import TerrainPlayer
-from ..sweeps import SentSweeps
+from ..returns.sweeps import SentSweeps
 from .scene import Scene
 
 

@@ -4,15 +4,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from .programme import SentAltitudes
-from .returns.point import point_return
-from .waveform import Waveform
+from ..programme import SentAltitudes
+from ..waveform import Waveform
+from .point import point_return
 
 
 class SentSweeps:
     """Transmitted sweeps of the radar, one per frame.
 
-    Drawn returns (`Programme.phases_cycles`) are played with delay and Doppler. Otherwise up sweeps are shifted by ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
+    Drawn returns (`Programme.phases_cycles`) are played with delay and Doppler. Otherwise up sweeps are shifted by
+    ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
 
     Parameters
     ----------
