@@ -605,6 +605,19 @@ def test_reset_forgets_everything(name):
     np.testing.assert_array_equal(method.process(frames), first)
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_frames_drawn_anew_are_cleaned_without_memory(name):
+    """What a method gives for a frame is then what it gives without the frames before."""
+    emitter = NrEmitter(channel_bandwidth_hz=10e6, modulation="qpsk")
+    frames = np.concatenate([scene(1, Interferer(emitter, -30.0), seed)[0] for seed in (1, 2)])
+    independent, alone = create(name, W, independent=True), create(name, W)
+    out = independent.process(frames)
+    for frame, cleaned in zip(frames, out, strict=True):
+        alone.reset()
+        np.testing.assert_allclose(cleaned, alone.process(frame), atol=1e-4)
+    assert independent.frames == 2
+
+
 @pytest.mark.parametrize("name", CLASSICAL)
 def test_methods_work_for_other_sweeps(name):
     w = Waveform(bandwidth_hz=4e6, rate_hz=5.1e6, sweep_s=0.8e-3, centered=False)

@@ -43,6 +43,7 @@ class mitigation(MitigationBlock):
         options = {**self._scene.method_options.get(method, {}), **self._options}
         parameters = {"drop_when_slow": self._drop_when_slow, **options}
         parameters["max_altitude_m"] = self._scene.altimeter_settings.max_altitude_m
+        parameters["independent"] = self._scene.independent_frames
         return create(method, self._scene.waveform, **parameters)
 
     def set_method(self, method: str) -> None:

@@ -96,6 +96,7 @@ class _Path:
         if method != METHODS["none"].name:
             options = dict(scene.method_options.get(method) or {})
             options["max_altitude_m"] = scene.altimeter_settings.max_altitude_m
+            options["independent"] = scene.independent_frames
             self._method = create(method, scene.waveform, **options)
         self._batch = method_class(method).batch
         self._milliseconds: list[float] = []

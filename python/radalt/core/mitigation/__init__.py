@@ -127,6 +127,7 @@ def create(
     batch: int = 4,
     max_altitude_m: float | None = None,
     drop_when_slow: bool = False,
+    independent: bool = False,
     **parameters: object,
 ) -> Mitigation:
     """A fresh method by its registry name; ``"custom"`` with ``file=`` is one of your own (`Custom`).
@@ -144,6 +145,8 @@ def create(
         ``span_m``, where the method has one. A frame with ground beyond it passes unchanged (`BeyondSpan`).
     drop_when_slow : bool
         Whether the frame segmenter drops frames where the method is too slow, for methods that then do less.
+    independent : bool
+        Whether frames have nothing to do with each other (`Mitigation.independent`).
     **parameters
         Of the method.
 
@@ -168,7 +171,14 @@ def create(
     if not isinstance(own_process, bool):
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:
-        return OwnProcess(name, waveform, batch=batch, max_altitude_m=max_altitude_m, **parameters)
+        return OwnProcess(
+            name,
+            waveform,
+            batch=batch,
+            max_altitude_m=max_altitude_m,
+            independent=independent,
+            **parameters,
+        )
     parameters.pop("method", None)
     try:
         if isinstance(method, type):
@@ -179,6 +189,7 @@ def create(
     except (TypeError, ValueError) as error:
         text = str(error)
         raise MitigationError(text if text.startswith(name) else f"mitigation {name!r}: {text}") from None
+    built.independent = independent
     if name != Identity.name:
         span_m = (
             max_altitude_m

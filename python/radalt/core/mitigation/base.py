@@ -65,6 +65,9 @@ class Mitigation(ABC):
         Frames that passed unchanged because the ground lies beyond the span (`BeyondSpan`).
     frame_quality : callable
         Gives the quality of frames (n, N) that come without: a `FrameQuality` of the span that `create` was given.
+    independent : bool
+        Whether frames have nothing to do with each other, as where a scene draws every frame anew: what the method
+        knows of earlier ones is then forgotten before each (`forget`).
     outside_cpu_ns : int
         CPU time spent on frames outside the calling thread, in nanoseconds; 0 except for `OwnProcess`.
 
@@ -80,6 +83,7 @@ class Mitigation(ABC):
     runs_network: ClassVar[bool] = False
     removed: ClassVar[Mapping[str, str]] = {}
     outside_cpu_ns = 0
+    independent = False
     # a method inside another one needs no more: its frames have been examined
     frame_quality: Callable[[np.ndarray], np.ndarray] = staticmethod(levels)
 
@@ -119,14 +123,30 @@ class Mitigation(ABC):
         finite = np.isfinite(quality["peak"])
         cleaned = finite & ~quality["beyond_span"]
         if cleaned.all():
-            self._clean_into(frames, out, quality)
+            self._clean_each(frames, out, quality)
             return
         self.beyond_frames += int(np.count_nonzero(quality["beyond_span"]))
         out[:] = np.where(finite[:, None], frames, np.complex64(np.nan))
         if cleaned.any():
             part = frames[cleaned]
-            self._clean_into(part, part_out := np.empty_like(part), quality[cleaned])
+            self._clean_each(part, part_out := np.empty_like(part), quality[cleaned])
             out[cleaned] = part_out
+
+    def _clean_each(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray) -> None:
+        """`_clean_into`, frame by frame and without memory where the frames are independent."""
+        if not (self.independent and self._remembers):
+            self._clean_into(frames, out, quality)
+            return
+        for k in range(len(frames)):
+            self.forget()
+            self._clean_into(frames[k : k + 1], out[k : k + 1], quality[k : k + 1])
+
+    def forget(self) -> None:  # noqa: B027 - most methods have no memory
+        """Forget what earlier frames showed; counters stay. Overridden by methods that track."""
+
+    @property
+    def _remembers(self) -> bool:
+        return type(self).forget is not Mitigation.forget
 
     def _clean_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray) -> None:
         """Like `_clean`, into ``out``; for methods that work in place, or use what is known of the frames."""

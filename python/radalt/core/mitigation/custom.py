@@ -132,6 +132,15 @@ class Custom(Mitigation):
         if self._inner is not None:
             self._inner.reset()
 
+    def forget(self) -> None:
+        """See `Mitigation.forget`."""
+        if self._inner is not None:
+            self._inner.forget()
+
+    @property
+    def _remembers(self) -> bool:
+        return self._inner is not None and self._inner._remembers
+
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`: file and hash beside what the file's own method says."""
         inner = self._inner.status() if self._inner is not None else {}

@@ -99,6 +99,12 @@ class Hybrid(Mitigation):
         for method in (*self._cancellers, self._other):
             method.reset()
 
+    def forget(self) -> None:
+        """See `Mitigation.forget`: the emitters that are tracked, and what searches have cost."""
+        self._credit = _MAX_CREDIT
+        for method in self._cancellers:
+            method.forget()
+
     @property
     def sha256(self) -> str | None:
         """SHA-256 of the network's file; None without one."""

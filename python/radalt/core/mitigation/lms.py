@@ -96,6 +96,10 @@ class BlockLms(Mitigation):
         """See `Mitigation.reset`: weights and delay line start at zero."""
         super().reset()
         self.unconfirmed_frames = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """See `Mitigation.forget`: weights and delay line."""
         self.weights = np.zeros(self.length, dtype=np.complex64)
         self._past = np.zeros(self.length - 1, dtype=np.complex64)
 

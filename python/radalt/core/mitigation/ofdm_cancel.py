@@ -120,6 +120,10 @@ class OfdmCancel(Mitigation):
         self._ffts = 0.0  # of the frame, outside the receivers
         self._in_vain = 0  # searches since one succeeded
 
+    def forget(self) -> None:
+        """See `Mitigation.forget`: the emitter that is tracked."""
+        self._state, self._in_vain = None, 0
+
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that held an emitter."""
         return super().status() | {"found": self.found, "tracked": self.tracked}

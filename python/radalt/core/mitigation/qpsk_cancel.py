@@ -92,6 +92,10 @@ class QpskCancel(Mitigation):
         self.active_share, self.burst_weight = 0.0, 1.0
         self._track: _Track | None = None
 
+    def forget(self) -> None:
+        """See `Mitigation.forget`: the emitter that is tracked."""
+        self._track = None
+
     @property
     def tracking(self) -> bool:
         """Whether an emitter is known from the frame before, so that ``cancel(frame, search=False)`` may cancel it."""

@@ -200,6 +200,12 @@ class Scene:
         return self.channel.snr_db is not None
 
     @property
+    def independent_frames(self) -> bool:
+        """Whether interference is drawn anew in every frame, so that no method may know it from the frame before."""
+        playing = [i for i in self.interference if i.overlap > 0]
+        return bool(playing) and not any(i.free_running for i in playing)
+
+    @property
     def has_jammer(self) -> bool:
         """Whether a jammer chain (and a second B210) is needed at all."""
         return any(i.overlap > 0 for i in self.interference)

@@ -118,10 +118,12 @@ def _ratio(total: float, count: int) -> float:
 SCORE_COLUMNS = tuple(Score().row())
 
 
-def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> Score:
+def score_frames(
+    results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0, limit_m: float = CORRECT_LIMIT_M
+) -> Score:
     """Score altimeter results (`RESULT_DTYPE`) against true altitudes in metres.
 
-    ``lost``: frames of the programme that are missing in the results.
+    ``lost``: frames of the programme that are missing in the results. ``limit_m``: largest error of a correct altitude.
     """
     valid = results["valid"]
     error = (results["altitude_m"] - truth_m)[valid]
@@ -133,7 +135,7 @@ def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> 
     return Score(
         trials=len(results),
         detections=int(valid.sum()),
-        correct=int((size < CORRECT_LIMIT_M).sum()),
+        correct=int((size < limit_m).sum()),
         forced=forced.size,
         lost=lost,
         far=int((size >= FAR_LIMIT_M).sum()),

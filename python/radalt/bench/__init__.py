@@ -1,0 +1,1 @@
+"""The one experiment: cases as data, one frame maker, one chain, one row."""

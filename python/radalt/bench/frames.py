@@ -1,0 +1,57 @@
+"""The one frame maker: sources, channel and segmenter of a case's scene, as in the flowgraph."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ..core.scene import Scene
+from ..core.scene.build import segmenter_of
+from ..evaluation.simulation import segmented
+from .lists import Case
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Aligned trials of a case at a level.
+
+    Attributes
+    ----------
+    scene : Scene
+    samples : (n, N) complex64
+    index : (n,) int
+        Frame numbers.
+    offset_s : (n,) float
+        Timing that the segmenter found.
+    truth_m : (n,) float
+    lost : int
+        Trials that the segmenter did not give.
+    """
+
+    scene: Scene
+    samples: np.ndarray
+    index: np.ndarray
+    offset_s: np.ndarray
+    truth_m: np.ndarray
+    lost: int
+
+
+@lru_cache(maxsize=2)  # the entries of a level take the same frames, 60 KB each
+def frames_of(case: Case, sir_db: float | None) -> Frames:
+    """Trials of a case at a level, in order. Raises RuntimeError where the timing is not acquired."""
+    scene = case.at(sir_db)
+    programme = scene.altitude.programme
+    kept = [f for part in segmented(scene, segmenter_of(scene)) for f in part if programme.is_trial(f.index)]
+    if not kept:
+        raise RuntimeError(
+            f"{case.name}: no frame was segmented; look at channel.start_offset_samples and the SNR"
+        )
+    index = np.array([frame.index for frame in kept])
+    return Frames(
+        scene=scene,
+        samples=np.stack([frame.samples for frame in kept]),
+        index=index,
+        offset_s=np.array([frame.offset_s for frame in kept]),
+        truth_m=np.asarray(programme.altitude_m(index)),
+        lost=programme.trial_frames - len(kept),
+    )

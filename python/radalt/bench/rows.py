@@ -1,0 +1,72 @@
+"""Rows of the bench: one per case, overlap, level and entry, with a bit per frame for paired comparisons."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.parsing import InputError
+from ..evaluation.results.rows import Columns
+from ..evaluation.results.score import SCORE_COLUMNS, score_frames
+from .entry import Entry, Outcome
+from .frames import Frames
+from .lists import Case
+
+WHERE = ("list", "digest", "case", "overlap", "sir_db", "entry")
+COLUMNS = Columns(
+    (*WHERE, *SCORE_COLUMNS, "limit_m", "right", "declared", "diverged", "seed", "ms", "ffts"),
+    text=frozenset({"list", "digest", "case", "entry", "right", "declared"}),
+    whole=frozenset(
+        {"trials", "detections", "correct", "forced", "frames_lost", "wrong_far", "diverged", "seed"}
+    ),
+    timing=frozenset({"ms", "ffts"}),
+)
+Row = dict[str, Any]
+
+
+def bits(which: np.ndarray) -> str:
+    """(n,) bool as hexadecimal digits."""
+    return np.packbits(which).tobytes().hex()
+
+
+def unbits(text: str, count: int) -> np.ndarray:
+    """(count,) bool of hexadecimal digits."""
+    return np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8), count=count).astype(bool)
+
+
+def row_of(
+    names: tuple[str, str], case: Case, sir_db: float | None, entry: Entry, frames: Frames, out: Outcome
+) -> Row:
+    """The row of an entry at a level; ``names`` are the list's name and digest."""
+    results = out.results
+    right = results["valid"] & (np.abs(results["altitude_m"] - frames.truth_m) < case.limit_m)
+    found = score_frames(results, frames.truth_m, lost=frames.lost, limit_m=case.limit_m)
+    where = dict(zip(WHERE, (*names, case.name, case.overlap, sir_db, entry.name), strict=True))
+    return COLUMNS.row(
+        where
+        | found.row()
+        | {
+            "limit_m": case.limit_m,
+            "right": bits(right),
+            "declared": bits(results["valid"]),
+            "diverged": out.diverged,
+            "seed": frames.scene.seed,
+            "ms": out.ms,
+            "ffts": out.ffts,
+        }
+    )
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Rows of a CSV file. Raises InputError, one line, where it has other columns."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file)
+            if tuple(reader.fieldnames or ()) != COLUMNS.names:
+                raise InputError(f"{path}: no rows of the bench; make them with radalt bench LIST")
+            return [COLUMNS.row({k: v if v != "" else None for k, v in row.items()}) for row in reader]
+    except (UnicodeDecodeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: not readable as rows of the bench ({error})") from None
