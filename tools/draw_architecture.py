@@ -38,6 +38,7 @@ ROOMS = (
     "core.radio",
     "blocks",
     "evaluation",
+    "bench",
     "api",
     "studies",
 )

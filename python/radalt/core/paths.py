@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def share_dir() -> Path:
-    """The folder that holds ``flowgraphs/`` and ``models/``.
+    """The folder that holds ``flowgraphs/``, ``bench/`` and ``models/``.
 
     In the source tree that is the repository root; in a wheel, ``share`` within the package; installed by CMake,
     ``<prefix>/share/gr-radalt`` of the prefix the package lies under.

@@ -1,9 +1,9 @@
 """The command ``radalt``: one sub-command per study and per program of the bench, found by a scan of their modules.
 
 ``radalt eval --sim`` is the installed form of ``flowgraphs/ota_eval.py --sim``. A command is a module
-`evaluation/commands/X.py` or `studies/X/command.py` with a docstring, a ``main``, a ``_parser`` and its names:
-``PROGRAM, COMMAND = "script", "word"``. ``radalt env`` prints the shell variables by which Python and GNU Radio
-Companion find a module below an unusual prefix.
+`evaluation/commands/X.py`, `bench/command.py` or `studies/X/command.py` with a docstring, a ``main``, a ``_parser``
+and its names: ``PROGRAM, COMMAND = "script", "word"``. ``radalt env`` prints the shell variables by which Python and
+GNU Radio Companion find a module below an unusual prefix.
 """
 
 import ast
@@ -42,7 +42,7 @@ class Program:
 def programs() -> dict[str, Program]:
     """Every command by its word: the bench's, then the studies', each in alphabetical order."""
     found = {}
-    for pattern in ("evaluation/commands/[!_]*.py", "studies/*/command.py"):
+    for pattern in ("evaluation/commands/[!_]*.py", "bench/command.py", "studies/*/command.py"):
         for file in sorted(_PACKAGE.glob(pattern)):
             names = _NAMES.search(file.read_text(encoding="utf-8"))
             if names is not None:

@@ -27,6 +27,7 @@ from typing import Any
 from ...core.interrupts import ctrl_c_waits
 from ...core.paths import no_gnu_radio, remedy
 from ..engine.options import Options, Parser, add_options, command, complain, number, options_of, path
+from ..engine.own import add_own, own_methods
 
 PROGRAM, COMMAND = "ota_eval", "eval"
 DEFAULT_SCENE = "paper_qpsk"
@@ -49,19 +50,7 @@ def _parser() -> Parser:
         help="also run every point with altitudes that last for a tracker, and score it (simulated channel)",
     )
     add("--seed", type=int, help="seed of everything random")
-    add(
-        "--model",
-        action="append",
-        metavar="[NAME=]FILE.onnx",
-        help="a network as a row NAME; without NAME= it replaces the network of the method tcae; a network in two "
-        "files is ENCODER.onnx+DECODER.onnx; repeatable",
-    )
-    add(
-        "--method-file",
-        action="append",
-        metavar="[NAME=]FILE.py",
-        help="your method, mitigate(frames, waveform), as a row NAME, default custom; repeatable",
-    )
+    add_own(parser)
     add_options(parser)
     add(
         "--plan",
@@ -115,7 +104,7 @@ def _scene(args: argparse.Namespace) -> Any:
     from ..overlap.points import changed, parse_axis
 
     scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
-    own = _own_methods(args)
+    own = own_methods(args)
     for option, name, given, parse in (
         ("--overlap", "overlap", args.overlap, parse_axis),
         ("--sir-db", "sir_db", args.sir_db, parse_axis),
@@ -136,31 +125,6 @@ def _scene(args: argparse.Namespace) -> Any:
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
-
-
-def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """Method options by --model and --method-file; raises SceneError."""
-    from ...core.mitigation.onnx_network import network_files
-    from ...core.scene import SceneError
-
-    out: dict[str, dict[str, str]] = {}
-    for option, kind, key, given in (
-        ("--model", "tcae", "model", args.model),
-        ("--method-file", "custom", "file", args.method_file),
-    ):
-        for text in given or ():
-            name, _, file = text.rpartition("=") if not Path(text).exists() else ("", "", text)
-            name, own = name or kind, {} if not name else {"method": kind}
-            try:
-                found = "+".join(str(path(str(part)).resolve()) for part in network_files(path(file)))
-            except argparse.ArgumentTypeError as error:
-                raise SceneError(f"{option} {text[:60]!r}: {error}") from None
-            if name in out:
-                raise SceneError(
-                    f"{option} {text[:60]!r}: {name} is there already; give each a name, NAME=FILE"
-                )
-            out[name] = {**own, key: found}
-    return out
 
 
 def _require_radios(scene: Any, needed: int) -> None:
@@ -242,7 +206,7 @@ def _replay(args: argparse.Namespace) -> int:
         out,
         scene=_scene(args) if args.scene else None,
         methods=_names(args.methods) if args.methods else None,
-        own=_own_methods(args),
+        own=own_methods(args),
         reference_m=args.reference_m,
     )
     for row in rows:

@@ -1,0 +1,118 @@
+"""The board: an entry of one's own among the stored rows of the shipped methods."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..core.mitigation import METHODS
+from ..core.parsing import InputError
+from ..core.paths import share_dir
+from ..evaluation.results.proportion import clopper_pearson_bound
+from ..evaluation.results.table import table
+from .paired import curves, held_db, paired
+from .rows import Row, read_rows, unbits
+
+_UNLIKE = 0.01  # largest share of frames that ``none`` may judge unlike the stored rows: last bits of other machines
+_LIVE_FFTS = (
+    40.0  # cost up to which a method and the altimeter keep up with 1 ms frames: two cores, FFT of 40 us
+)
+
+
+def stored_rows(name: str) -> Path:
+    """File of the stored rows of a shipped list. Raises InputError where there is none."""
+    path = share_dir() / "bench" / "rows" / f"{name}.csv"
+    if not path.is_file():
+        raise InputError(
+            f"list {name}: no stored rows ({path}); name some with --against, or run the methods beside yours"
+        )
+    return path
+
+
+def check_rows(mine: Sequence[Row], stored: Sequence[Row]) -> tuple[int, int]:
+    """(frames that ``none`` judges unlike the stored rows, frames compared).
+
+    Raises
+    ------
+    InputError
+        If the rows are of another list, another seed, or ``none`` is missing or differs in more than 1 % of the frames.
+    """
+    digests = [{row["digest"] for row in rows} for rows in (mine, stored)]
+    if digests[0] != digests[1] or len(digests[0]) != 1:
+        raise InputError(
+            f"rows of list {', '.join(sorted(digests[0]))} and of list {', '.join(sorted(digests[1]))} cannot be "
+            "compared; run the list as it is, with its frames"
+        )
+    theirs = {_key(row): row for row in stored if row["entry"] == "none"}
+    unlike = compared = 0
+    for row in (row for row in mine if row["entry"] == "none"):
+        other = theirs.get(_key(row))
+        if other is None:
+            continue
+        if other["seed"] != row["seed"] or other["trials"] != row["trials"]:
+            raise InputError(
+                f"{row['case']} at {row['sir_db']} dB: seed or frames differ from the stored row's"
+            )
+        count = row["trials"]
+        unlike += int((unbits(row["right"], count) != unbits(other["right"], count)).sum())
+        compared += count
+    if not compared or unlike > _UNLIKE * compared:
+        raise InputError(
+            f"`none` differs from the stored rows in {unlike} of {compared} frames, at most 1 % may; "
+            "use the version that made them, or run all methods anew"
+        )
+    return unlike, compared
+
+
+def _key(row: Row) -> tuple[str, float, float]:
+    return row["case"], row["overlap"], row["sir_db"]
+
+
+def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
+    """Where an entry stands: one line, and a table of its paired differences.
+
+    The best stored entry of a case is the one that holds most decibels there; both are given over the same frames.
+    """
+    ours, theirs = curves(row for row in mine if row["entry"] == name), curves(stored)
+    lines, ahead, behind, wrong, trials = [], 0, 0, 0, 0
+    for where, by in ours.items():
+        curve = by[name]
+        step_db = curve[0]["sir_db"] - curve[1]["sir_db"]
+        shipped = {entry: _held(rows, step_db) for entry, rows in theirs[where].items() if entry in METHODS}
+        best = max(shipped, key=lambda entry: shipped[entry])
+        gain, over_none = paired(curve, theirs[where][best]), paired(curve, theirs[where]["none"])
+        ahead, behind = ahead + (gain[1] > 0), behind + (gain[2] < 0)
+        wrong += sum(row["detections"] - row["correct"] for row in curve)
+        trials += sum(row["trials"] for row in curve)
+        cells = [
+            f"{_held(curve, step_db):.1f}",
+            f"{best} {shipped[best]:.1f}",
+            _interval(gain),
+            _interval(over_none),
+        ]
+        lines.append([f"{where[0]}, {where[1]:g}", *cells])
+    costs = [row["ffts"] for by in ours.values() for row in by[name]]
+    ffts = sorted(costs)[len(costs) // 2]
+    live = "runs live" if ffts <= _LIVE_FFTS else "does not run live"
+    head = (
+        f"{name}: ahead of the best shipped method in {ahead} of {len(lines)} cases, level in "
+        f"{len(lines) - ahead - behind}, behind in {behind}; wrong and valid {wrong} of {trials} "
+        f"(95 %: at most {clopper_pearson_bound(wrong, trials):.2g}); {ffts:.0f} FFTs per frame, {live}"
+    )
+    names = ["case, overlap", "held / dB", "best shipped", "over it / dB (95 %)", "over none / dB (95 %)"]
+    return f"{head}\n\n{table(names, lines)}"
+
+
+def _held(curve: Sequence[Row], step_db: float) -> float:
+    import numpy as np
+
+    return float(held_db(curve, np.arange(curve[0]["trials"])[None], step_db)[0])
+
+
+def _interval(gain: tuple[float, float, float]) -> str:
+    return f"{gain[0]:+.1f} ({gain[1]:+.1f} to {gain[2]:+.1f})"
+
+
+def compare(mine: Path, against: Path, name: str) -> str:
+    """`verdict` of a run's rows against stored ones, after `check_rows`."""
+    own, stored = read_rows(mine), read_rows(against)
+    check_rows(own, stored)
+    return verdict(own, stored, name)

@@ -1,0 +1,122 @@
+"""The bench: methods, and your own, on a list of cases; and where yours stands.
+
+.venv/bin/python flowgraphs/bench.py standard --methods none,whitening,tcae  # into results/bench
+.venv/bin/python flowgraphs/bench.py standard --method-file mine=mymethod.py  # and where yours stands
+.venv/bin/python flowgraphs/bench.py mycases.yaml --model net=mynet.onnx --methods none,net --frames 40
+.venv/bin/python flowgraphs/bench.py standard --method-file mine=mymethod.py --confirm  # on new seeds
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..evaluation.engine.options import Parser, number, path
+from ..evaluation.engine.own import add_own, own_methods
+from ..evaluation.engine.shell import StudyCommand
+from ..evaluation.engine.study import Study
+
+PROGRAM, COMMAND = "bench", "bench"
+
+
+def _arguments(parser: Parser) -> None:
+    add = parser.add_argument
+    add("list", help="a shipped list (bench/*.yaml), or a YAML file of cases")
+    add(
+        "--methods",
+        dest="entries",
+        default="",
+        help="shipped methods and names of yours, with commas (default: none, and yours)",
+    )
+    add_own(parser)
+    add("--cases", default="", help="these cases alone, with commas")
+    add("--frames", type=number(int, 1, 100_000), help="per level, in place of the list's")
+    add(
+        "--against",
+        type=path,
+        metavar="ROWS.csv",
+        help="stored rows to compare with (default: the list's, if shipped)",
+    )
+    add(
+        "--confirm",
+        action="store_true",
+        help="draw every seed from the list and your files; runs the best shipped, too",
+    )
+    add("--plan", action="store_true", help="print the cases and their levels, and run nothing")
+
+
+def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
+    from ..core.mitigation import METHODS
+    from .entry import Entry
+    from .lists import find_list, load_list
+    from .study import BenchStudy
+
+    own = own_methods(args)
+    only = tuple(case.strip() for case in args.cases.split(",") if case.strip())
+    salt = _salt(args.list, own) if args.confirm else ""
+    cases = load_list(args.list, frames=args.frames, only=only, salt=salt)
+    if args.plan:
+        for case in cases.cases:
+            levels = case.levels_db
+            span = (
+                "no interference"
+                if levels[0] is None
+                else f"{levels[0]:g} to {levels[-1]:g} dB, {len(levels)} levels"
+            )
+            print(
+                f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
+            )
+        return 0
+    names = [name.strip() for name in args.entries.split(",") if name.strip()] or ["none", *own]
+    if args.confirm:
+        names = list(dict.fromkeys(["none", *names, *CONFIRM]))
+    unknown = [name for name in names if name not in METHODS and name not in own]
+    if unknown:
+        parser.error(f"--methods names {unknown[0]!r}; there are {', '.join([*METHODS, *own])}")
+    args.own = tuple(own)
+    entries = tuple(Entry(name, name, tuple(own.get(name, {}).items())) for name in names)
+    return BenchStudy(find_list(args.list), entries, args.frames, only, salt)
+
+
+# Shipped methods that a confirmation runs again: the best of the stored rows in at least one case (bench/rows).
+CONFIRM = ("blanking", "time_frequency", "tcae", "hybrid")
+
+
+def _salt(name: str, own: dict[str, dict[str, str]]) -> str:
+    """Seeds of a confirmation: of the list's content and the files of the entries."""
+    import hashlib
+
+    from .lists import load_list
+
+    digest = hashlib.sha256(load_list(name).digest.encode())
+    for options in own.values():
+        for key in ("file", "model"):
+            for part in options.get(key, "").split("+") if key in options else ():
+                digest.update(Path(part).read_bytes())
+    return digest.hexdigest()
+
+
+def _describe(rows: Sequence[dict[str, Any]]) -> str:
+    """A measured case in a line."""
+    names = list(dict.fromkeys(row["entry"] for row in rows))
+    last = {name: next(r for r in reversed(rows) if r["entry"] == name) for name in names}
+    found = ", ".join(f"{name} {row['pd']:.2f} at {row['sir_db']:g}" for name, row in last.items())
+    return f"{rows[0]['case']}, overlap {rows[0]['overlap']:g}: {found}"
+
+
+def _after(folder: Path, args: argparse.Namespace, study: Any) -> None:
+    """The verdict on each of the user's entries."""
+    from .board import compare, stored_rows, verdict
+    from .rows import read_rows
+
+    for name in args.own:
+        if args.confirm:
+            rows = read_rows(folder / "rows.csv")
+            print(f"\n{verdict(rows, [row for row in rows if row['entry'] != name], name)}")
+        else:
+            against = args.against or stored_rows(study.cases.name)
+            print(f"\n{compare(folder / 'rows.csv', against, name)}")
+
+
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, time_limit_s=3600.0)
+main, _parser = SHELL.main, SHELL.parser

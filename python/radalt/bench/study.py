@@ -1,0 +1,114 @@
+"""The study of a list: entries on every case, levels from high to low, on the engine of all studies."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..core.mitigation import METHODS, method_class, name_method
+from ..evaluation.engine.study import Point, Study
+from ..evaluation.results.rows import Columns
+from .entry import Entry, run
+from .frames import frames_of
+from .lists import Case, CaseList, load_list
+from .rows import COLUMNS, row_of
+
+_FRAME_S = (
+    4e-3  # CPU time of a frame of sources, channel and segmenter, s: measured, 1 ms to 20 ms by emitter
+)
+_ENTRY_S = 3e-3  # of a frame of a method and the altimeter, s: a network's
+
+
+@dataclass(frozen=True)
+class BenchPoint(Point):
+    """A case of the list, at all of its levels."""
+
+    number: int = 0
+
+
+@dataclass(frozen=True)
+class BenchStudy(Study):
+    """Entries on the cases of a list; parameters as in `load_list`."""
+
+    path: Path
+    entries: tuple[Entry, ...]
+    frames: int | None = None
+    only: tuple[str, ...] = ()
+    salt: str = ""
+    tables: ClassVar[dict[str, Columns]] = {"rows": COLUMNS}
+    _list: CaseList = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        cases = load_list(self.path, frames=self.frames, only=self.only, salt=self.salt)
+        object.__setattr__(self, "_list", cases)
+
+    @property
+    def cases(self) -> CaseList:
+        """The list as it is read."""
+        return self._list
+
+    def head(self) -> dict[str, Any]:
+        """See `Study.head`: the list's digest, and what each entry is, hashes of models and files included."""
+        waveform = self._list.cases[0].scene.waveform
+        entries = {}
+        for entry in self.entries:
+            options = dict(entry.options)
+            if "method" in options:
+                name_method(entry.method, options["method"])
+            from ..core.mitigation import create
+
+            status = create(entry.method, waveform, **options).status()
+            entries[entry.name] = {"method": entry.method, "sha256": status.get("sha256", "")}
+        return {"list": self._list.name, "digest": self._list.digest, "entries": entries}
+
+    def points(self) -> list[BenchPoint]:
+        """See `Study.points`: a point per case and overlap, since an entry stops after levels that failed."""
+        return [
+            BenchPoint(
+                f"{case.name}, overlap {case.overlap:g}", case.trials * len(case.levels_db), "rows", number
+            )
+            for number, case in enumerate(self._list.cases)
+        ]
+
+    def measure(self, point: Point) -> list[dict[str, Any]]:
+        """See `Study.measure`."""
+        assert isinstance(point, BenchPoint)
+        for entry in self.entries:  # a worker has not seen the names of the user's own
+            if "method" in dict(entry.options):
+                name_method(entry.method, dict(entry.options)["method"])
+        return list(self._rows(self._list.cases[point.number]))
+
+    def _rows(self, case: Case) -> Iterator[dict[str, Any]]:
+        failed = dict.fromkeys(self.entries, 0)
+        for sir_db in case.levels_db:
+            running = [entry for entry, count in failed.items() if count < case.grid.stop_after]
+            if not running:
+                return
+            frames = frames_of(case, sir_db)
+            for entry in running:
+                names = self._list.name, self._list.digest
+                row = row_of(names, case, sir_db, entry, frames, run(entry, frames))
+                failed[entry] = failed[entry] + 1 if row["pd"] < case.grid.stop_below_pd else 0
+                yield row
+
+    def seconds(self, point: Point) -> float:
+        """See `Study.seconds`: half of the grid, on the average."""
+        return 0.5 * point.frames * (_FRAME_S + _ENTRY_S * len(self.entries))
+
+    def files(self) -> dict[str, Path]:
+        """See `Study.files`: the list, and the users' files."""
+        own = {f"{e.name}.{k}": Path(v) for e in self.entries for k, v in e.options if k in ("file", "model")}
+        return {"list": Path(self.path)} | own
+
+    def with_files(self, files: Any) -> "BenchStudy":
+        """See `Study.with_files`."""
+        entries = tuple(
+            Entry(e.name, e.method, tuple((k, str(files.get(f"{e.name}.{k}", v))) for k, v in e.options))
+            for e in self.entries
+        )
+        return BenchStudy(files["list"], entries, self.frames, self.only, self.salt)
+
+    @property
+    def needs_network(self) -> bool:
+        """See `Study.needs_network`."""
+        return any(method_class(e.method).runs_network for e in self.entries if e.method in METHODS)
