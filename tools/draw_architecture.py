@@ -148,7 +148,14 @@ _NARROW = {
     "core.mitigation": 2,
     "core.deramp": 0,
 }
-_COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6", "api": "#D9F0E6", "stud": "#E9E2F3"}
+_COLOURS = {
+    "core": "#DCEBF7",
+    "bloc": "#FDECC8",
+    "eval": "#D9F0E6",
+    "benc": "#D9F0E6",
+    "api": "#D9F0E6",
+    "stud": "#E9E2F3",
+}
 
 
 def contents(room: str, package: Path = PACKAGE) -> str:
