@@ -206,10 +206,12 @@ class BeatSpectra:
         if spectra.frames is None:
             return out
         within = spectra.power[at].max(axis=-1).sum(axis=-1) * spectra.scale[at].astype(float) ** 2
-        for k, frame in enumerate(spectra.frames[place] for place in at):
-            energy = np.vdot(frame, frame).real / self.waveform.samples_per_half
-            if energy > (1.0 + WEAKEST) * within[k]:
-                out[k] = self._beyond_span.ratio(frame[None])[0]
+        energy = (
+            np.array([np.vdot(frame, frame).real for frame in spectra.frames[at]])
+            / self.waveform.samples_per_half
+        )
+        room = energy > (1.0 + WEAKEST) * within
+        out[room] = self._beyond_span.ratio(spectra.frames[at[room]])
         return out
 
     def _cells(self, low: np.ndarray) -> np.ndarray:

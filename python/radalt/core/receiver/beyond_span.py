@@ -6,11 +6,14 @@ where the ground is: dechirped, a return is one line in each half sweep, at any 
 strongest pair of lines lies beyond the span, the frame passes every method unchanged, and the altimeter declares none.
 """
 
+import math
+
 import numpy as np
-from scipy import fft, ndimage
+from scipy import fft
 
 from ..waveform import Waveform
 from .altimeter_settings import FASTEST_M_PER_S
+from .sweep_pairing import running_maxima
 
 # Resolution cells beyond the highest altitude from which the altimeter itself declares no return.
 _MARGIN_CELLS = 2
@@ -23,6 +26,7 @@ _TRAIN, _GUARD = 64, 2
 # Least power of a pair of lines beyond the span over that within it (-10 dB): weaker ones are no rival of anything.
 # Each half sweep has to show half of that.
 WEAKEST = 0.1
+_AT_ONCE = 8  # frames: SciPy transforms several rows at once in less time, and these stay in the cache
 
 
 class BeyondSpan:
@@ -78,38 +82,47 @@ class BeyondSpan:
         """(n,) power of the strongest pair of lines beyond the span over that within; 0 below -10 dB, or of noise."""
         out = np.zeros(len(frames))
         if self._first < self._count - self._reach:  # else the span reaches up to Nyquist
+            halves = frames.reshape(-1, 2, self._half)
             with np.errstate(invalid="ignore", over="ignore"):
-                for k, frame in enumerate(frames.reshape(-1, 2, self._half)):  # frame by frame, in the cache
-                    out[k] = self._ratio(frame)
+                for first in range(0, len(out), _AT_ONCE):
+                    part = slice(first, first + _AT_ONCE)
+                    self._ratios(halves[part], out[part])
         return out
 
-    def _ratio(self, halves: np.ndarray) -> float:
+    def _ratios(self, halves: np.ndarray, out: np.ndarray) -> None:
+        """Ratios of (n, 2, N/2) half sweeps into ``out``, which is zero."""
         # an up cell from here on has its return beyond the span, whatever its Doppler; two cells lower within it
         reach, first = self._reach, int(self._first) + 1
-        power = np.empty((2, self._count - 1), dtype=np.float32)
-        for half in range(2):
-            beats = (halves[half].conj() if self._rising[half] else halves[half]) * self._table[half]
-            spectrum = fft.fft(beats, overwrite_x=True)[: self._count]
+        shown = np.arange(len(halves))
+        powers = []
+        for half, rising in enumerate(self._rising):
+            beats = halves[shown, half]
+            if rising:
+                np.conjugate(beats, out=beats)
+            beats *= self._table[half]
+            spectrum = fft.fft(beats, overwrite_x=True)[:, : self._count]
             cells = spectrum.real**2
             cells += spectrum.imag**2
-            np.add(cells[:-1], cells[1:], out=power[half])  # a line between two cells loses less
-            if not power[half, first:].max() >= 0.5 * WEAKEST * power[half, : first - 2].max():
-                return 0.0
-        pair = power[0] + ndimage.maximum_filter1d(power[1], 2 * reach + 1, mode="constant")
-        up = first + int(pair[first:].argmax())
-        low = max(up - reach, first)
-        down = low + int(power[1, low : up + reach + 1].argmax())
-        each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
-        if not (sum(each) > self._threshold and min(each) >= _FLOOR):
-            return 0.0
-        line = float(power[0, up] + power[1, down]) / (1.0 - self._delay_share * (up - self._below)) ** 2
-        ratio = line / max(float(pair[: first - 2].max()), 1e-30)
-        return ratio if ratio >= WEAKEST else 0.0
+            power = cells[:, :-1] + cells[:, 1:]  # a line between two cells loses less
+            strong = power[:, first:].max(axis=1) >= 0.5 * WEAKEST * power[:, : first - 2].max(axis=1)
+            shown, powers = shown[strong], [rows[strong] for rows in (*powers, power)]
+        wide = np.zeros((len(shown), self._count - 1 + 2 * reach), dtype=np.float32)
+        wide[:, reach:-reach] = powers[1]
+        pairs = running_maxima(wide, 2 * reach + 1)
+        pairs += powers[0]
+        for k, pair, power in zip(shown, pairs, zip(*powers, strict=True), strict=True):
+            up = first + int(pair[first:].argmax())
+            low = max(up - reach, first)
+            down = low + int(power[1][low : up + reach + 1].argmax())
+            line = float(power[0][up] + power[1][down]) / (1.0 - self._delay_share * (up - self._below)) ** 2
+            ratio = line / max(float(pair[: first - 2].max()), 1e-30)
+            if ratio >= WEAKEST:
+                each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
+                out[k] = ratio if sum(each) > self._threshold and min(each) >= _FLOOR else 0.0
 
     def _significance(self, power: np.ndarray, cell: int) -> float:
         """-log of the probability that noise as that around a cell reaches its power."""
-        around = np.concatenate(
-            [power[max(cell - _GUARD - _TRAIN, 0) : cell - _GUARD], power[cell + _GUARD + 1 :][:_TRAIN]]
-        )
-        level = float(around.sum(dtype=np.float64))
-        return around.size * float(np.log1p(float(power[cell]) / level)) if level > 0 else 0.0
+        below = power[max(cell - _GUARD - _TRAIN, 0) : max(cell - _GUARD, 0)]
+        above = power[cell + _GUARD + 1 :][:_TRAIN]
+        level = float(np.add.reduce(below, dtype=np.float64) + np.add.reduce(above, dtype=np.float64))
+        return (below.size + above.size) * math.log1p(float(power[cell]) / level) if level > 0 else 0.0

@@ -243,7 +243,7 @@ class PairSearch:
         least, most = (_FINER * cells for cells in self.apart)
         count, n = up.shape[1], np.arange(len(up))
         padded = self._padded(down)
-        joint = up + _running_maxima(padded, most - least + 1)[:, -count:]
+        joint = up + running_maxima(padded, most - least + 1)[:, -count:]
         cell = joint.argmax(axis=1)
         best = joint[n, cell]
         lobe = max(1, round(_MAIN_LOBE * _FINER * self.per_resolution))
@@ -256,7 +256,7 @@ class PairSearch:
         joint[n[:, None], ups] = -np.inf
         steps = np.arange(near.shape[1])
         near[np.abs(steps - (partner + lobe)[:, None]) <= lobe] = -np.inf
-        rest = up[n[:, None], ups] + _running_maxima(near, most - least + 1)
+        rest = up[n[:, None], ups] + running_maxima(near, most - least + 1)
         return pair, best, np.maximum(joint.max(axis=1), rest.max(axis=1))
 
     def _likely(
@@ -358,7 +358,7 @@ def _within(index: np.ndarray, count: int) -> np.ndarray:
     return np.minimum(np.maximum(index, 0), count - 1)
 
 
-def _running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
+def running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
     """(n, m) -> (n, m - width + 1) maxima of ``width`` neighbours, from maxima of 1, 2, 4, ... of them."""
     have = 1
     while have < width:
