@@ -549,7 +549,9 @@ def test_mitigation_block_is_the_method_in_any_chunks(method):
     scene = scene_of()
     frames, tags, _ = frames_with_tags(25)
     span_m = scene.altimeter_settings.max_altitude_m
-    expected = create(method, scene.waveform, max_altitude_m=span_m).process(frames)
+    expected = create(
+        method, scene.waveform, max_altitude_m=span_m, independent=scene.independent_frames
+    ).process(frames)
     for seed in (None, 1):
         block, sink = radalt.mitigation(scene, method), Collect(N)
         run(Ragged(frames, seed, tags), block, sink)

@@ -124,7 +124,10 @@ def test_every_shipped_scene_can_be_driven_by_hand(path):
     assert live.return_model == "point"
 
 
-def test_method_is_exchanged_between_frames():
+def test_method_is_exchanged_between_frames(monkeypatch):
+    monkeypatch.setattr(
+        "radalt.blocks._mitigation.read_quality", lambda block, count: None
+    )  # no flowgraph, no tags
     scene = load_scene("paper_qpsk")
     frames = (point_return(W, np.full(4, 300.0)) + 2.0 * noise(4)).astype(np.complex64)
     block = radalt.mitigation(scene, "whitening")
@@ -133,7 +136,7 @@ def test_method_is_exchanged_between_frames():
     block.set_method("nlms")
     block.work([frames[2:]], [out[2:]])
     np.testing.assert_array_equal(out[:2], create("whitening", W).process(frames[:2]))
-    np.testing.assert_array_equal(out[2:], create("nlms", W).process(frames[2:]))
+    np.testing.assert_array_equal(out[2:], create("nlms", W, independent=True).process(frames[2:]))
     assert block.status()["method"] == "nlms"
 
 
