@@ -42,14 +42,14 @@ def test_an_entry_gives_what_the_direct_path_gives(name, case):
     """To the bit, on a transmission that goes on and on frames drawn anew; that path equals the flowgraph."""
     case = load_list(name, frames=8, only=[case]).cases[2]
     scene = case.at(-30.0)
-    methods = ("none", "whitening", "time_frequency", "ofdm_cancel")
+    methods = ("none", "lms", "whitening", "time_frequency", "ofdm_cancel")
     chain = run_chain(scene, methods)
     frames = frames_of(case, -30.0)
     for method in methods:
         direct = chain.results[method]
         direct = direct[scene.altitude.programme.is_trial(direct["frame_index"])]
         mine = run(Entry(method, method), frames).results
-        for field in ("frame_index", "valid", "altitude_m", "forced_altitude_m"):
+        for field in ("frame_index", "valid", "altitude_m", "forced_altitude_m", "ambiguity_db"):
             np.testing.assert_array_equal(mine[field], direct[field])
 
 
@@ -96,6 +96,8 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(tmp_path):
         check_rows([row | {"digest": "0"} for row in mine], theirs)
     with pytest.raises(InputError, match="seed or frames differ"):
         check_rows([row | {"seed": 1} for row in mine], theirs)
+    status, said = ended(command.main, *words, *own, "--frames", "9", "--out", tmp_path / "c")
+    assert status == 2 and "rows of another list, or of other --frames" in said
     flipped = [row | {"right": bits(~unbits(row["right"], 8))} for row in mine]
     with pytest.raises(InputError, match="at most 1 % may"):
         check_rows(flipped, theirs)

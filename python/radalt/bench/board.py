@@ -22,7 +22,8 @@ def stored_rows(name: str) -> Path:
     path = share_dir() / "bench" / "rows" / f"{name}.csv"
     if not path.is_file():
         raise InputError(
-            f"list {name}: no stored rows ({path}); name some with --against, or run the methods beside yours"
+            f"list {name}: no stored rows of shipped methods; run some of them first, and name their rows.csv "
+            "with --against"
         )
     return path
 
@@ -75,6 +76,10 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
     lines, ahead, behind, wrong, trials = [], 0, 0, 0, 0
     for where, by in ours.items():
         curve = by[name]
+        if len(curve) < 2:
+            raise InputError(
+                f"{where[0]}: one level of {name} gives no decibels held; give the grid two or more"
+            )
         step_db = curve[0]["sir_db"] - curve[1]["sir_db"]
         shipped = {entry: _held(rows, step_db) for entry, rows in theirs[where].items() if entry in METHODS}
         best = max(shipped, key=lambda entry: shipped[entry])

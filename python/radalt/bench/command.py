@@ -74,11 +74,20 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     if unknown:
         parser.error(f"--methods names {unknown[0]!r}; there are {', '.join([*METHODS, *own])}")
     args.own = tuple(own)
+    if own and not args.confirm:  # before anything is measured
+        from .board import stored_rows
+        from .rows import read_rows
+
+        args.against = args.against or stored_rows(cases.name)
+        if {row["digest"] for row in read_rows(args.against)} != {cases.digest}:
+            parser.error(
+                f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
+            )
     entries = tuple(Entry(name, name, tuple(own.get(name, {}).items())) for name in names)
     return BenchStudy(find_list(args.list), entries, args.frames, only, salt)
 
 
-# Shipped methods that a confirmation runs again: the best of the stored rows in at least one case (bench/rows).
+# Shipped methods that a confirmation runs again: each leads under some interferer (docs/methods.md)
 CONFIRM = ("blanking", "time_frequency", "tcae", "hybrid")
 
 
@@ -106,7 +115,7 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
 
 def _after(folder: Path, args: argparse.Namespace, study: Any) -> None:
     """The verdict on each of the user's entries."""
-    from .board import compare, stored_rows, verdict
+    from .board import compare, verdict
     from .rows import read_rows
 
     for name in args.own:
@@ -114,8 +123,7 @@ def _after(folder: Path, args: argparse.Namespace, study: Any) -> None:
             rows = read_rows(folder / "rows.csv")
             print(f"\n{verdict(rows, [row for row in rows if row['entry'] != name], name)}")
         else:
-            against = args.against or stored_rows(study.cases.name)
-            print(f"\n{compare(folder / 'rows.csv', against, name)}")
+            print(f"\n{compare(folder / 'rows.csv', args.against, name)}")
 
 
 SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, time_limit_s=3600.0)

@@ -38,7 +38,7 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """(n,) altimeter's results, counters of the method, and cost per frame in milliseconds and FFTs."""
+    """(trials,) altimeter's results, counters of the method, and cost per frame in milliseconds and FFTs."""
 
     results: np.ndarray
     diverged: int
@@ -60,10 +60,12 @@ def run(entry: Entry, frames: Frames) -> Outcome:
             part = slice(first, first + batch)
             method.process_into(frames.samples[part], cleaned[part])
     spectra = altimeter.spectra(cleaned)
-    results = altimeter.detect(spectra, timing_offset_s=frames.offset_s, frame_index=frames.index)
+    results = altimeter.detect(spectra, timing_offset_s=frames.offset_s, frame_index=frames.index)[
+        frames.trial
+    ]
     diverged = 0 if method is None else method.diverged_frames
     spent, unit = [], []
-    for frame in frames.samples[-_TIMED:]:
+    for frame in frames.samples[frames.trial][-_TIMED:]:
         begin = time.thread_time_ns()
         altimeter.process(frame[None] if method is None else method.process(frame[None]))
         spent.append(time.thread_time_ns() - begin)

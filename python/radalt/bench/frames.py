@@ -13,7 +13,7 @@ from .lists import Case
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Aligned trials of a case at a level.
+    """Aligned frames of a case at a level: the preamble, which methods see as in the flowgraph, and the trials.
 
     Attributes
     ----------
@@ -23,7 +23,9 @@ class Frames:
         Frame numbers.
     offset_s : (n,) float
         Timing that the segmenter found.
-    truth_m : (n,) float
+    trial : (n,) bool
+    truth_m : (trials,) float
+        Altitudes of the trials.
     lost : int
         Trials that the segmenter did not give.
     """
@@ -32,26 +34,29 @@ class Frames:
     samples: np.ndarray
     index: np.ndarray
     offset_s: np.ndarray
+    trial: np.ndarray
     truth_m: np.ndarray
     lost: int
 
 
 @lru_cache(maxsize=2)  # the entries of a level take the same frames, 60 KB each
 def frames_of(case: Case, sir_db: float | None) -> Frames:
-    """Trials of a case at a level, in order. Raises RuntimeError where the timing is not acquired."""
+    """Frames of a case at a level, in order. Raises RuntimeError where the timing is not acquired."""
     scene = case.at(sir_db)
     programme = scene.altitude.programme
-    kept = [f for part in segmented(scene, segmenter_of(scene)) for f in part if programme.is_trial(f.index)]
-    if not kept:
+    kept = [frame for part in segmented(scene, segmenter_of(scene)) for frame in part]
+    index = np.array([frame.index for frame in kept], dtype=int)
+    trial = programme.is_trial(index)
+    if not trial.any():
         raise RuntimeError(
             f"{case.name}: no frame was segmented; look at channel.start_offset_samples and the SNR"
         )
-    index = np.array([frame.index for frame in kept])
     return Frames(
         scene=scene,
         samples=np.stack([frame.samples for frame in kept]),
         index=index,
         offset_s=np.array([frame.offset_s for frame in kept]),
-        truth_m=np.asarray(programme.altitude_m(index)),
-        lost=programme.trial_frames - len(kept),
+        trial=trial,
+        truth_m=np.asarray(programme.altitude_m(index[trial])),
+        lost=programme.trial_frames - int(np.count_nonzero(trial)),
     )

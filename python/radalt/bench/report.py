@@ -57,8 +57,13 @@ def break_points(rows: Sequence[Row], entries: Sequence[str]) -> str:
 
 
 def summaries(rows: Sequence[Row], entries: Sequence[str]) -> dict[str, dict[str, float]]:
-    """By entry: decibels held (mean over cases), wrong and valid, trials, milliseconds and FFTs per frame (medians)."""
+    """By entry: decibels held (mean over cases), wrong and valid, trials, milliseconds and FFTs per frame (medians).
+
+    Wrong altitudes are counted at the levels that every entry ran: an entry that stops early has the easy ones only.
+    """
     found, out = curves(rows), {}
+    ran = [{_level(row) for row in rows if row["entry"] == name} for name in entries]
+    common = set.intersection(*ran)
     for name in entries:
         mine = [row for row in rows if row["entry"] == name]
         held = [
@@ -68,12 +73,16 @@ def summaries(rows: Sequence[Row], entries: Sequence[str]) -> dict[str, dict[str
         ]
         out[name] = {
             "held_db": float(np.mean(held)) if held else float("nan"),
-            "wrong": float(sum(row["detections"] - row["correct"] for row in mine)),
-            "trials": float(sum(row["trials"] for row in mine)),
+            "wrong": float(sum(row["detections"] - row["correct"] for row in mine if _level(row) in common)),
+            "trials": float(sum(row["trials"] for row in mine if _level(row) in common)),
             "ms": float(np.median([row["ms"] for row in mine])),
             "ffts": float(np.median([row["ffts"] for row in mine])),
         }
     return out
+
+
+def _level(row: Row) -> tuple[str, float, float | None]:
+    return row["case"], row["overlap"], row["sir_db"]
 
 
 def _step(curve: Sequence[Row]) -> float:

@@ -444,7 +444,7 @@ class IterativeReceiver:
     def _fitted_return(
         self, grid: ElementGrid, free: np.ndarray, found: Reception, tune: bool
     ) -> tuple[KnownReturn | None, Reception]:
-        """The return beside which masked elements are points, where one would be taken for data; else None."""
+        """The return with which masked elements are points, where one would be taken for data; else None."""
         h2 = np.maximum(power(found.channel), _LEAST)
         least = self._s.return_loud * _DISTANCE_256QAM * median(h2)
         masked, order = ~free & found.used, found.soft.order[-1][grid.segment]

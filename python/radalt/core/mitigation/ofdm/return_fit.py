@@ -1,4 +1,4 @@
-"""Masked elements: how loud a return is in them, and beside which return they are points of the constellation.
+"""Masked elements: how loud a return is in them, and with which return they are points of the constellation.
 
 A return that is louder in its elements than half the distance of the points is taken for data: decisions wrap, and what
 is left of it is wrong. Which return it is can be found all the same. Each masked element says by some nats whether it
@@ -78,7 +78,7 @@ class MaskedPoints:
     def fit(
         self, own: np.ndarray, uncertainty: np.ndarray, half: np.ndarray, time: np.ndarray, rounds: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Nats (candidates, 2) per half sweep beside returns, and the factors (candidates, L) that fit best.
+        """Nats (candidates, 2) per half sweep with returns, and the factors (candidates, L) that fit best.
 
         Parameters
         ----------
