@@ -126,8 +126,8 @@ def draw_pareto(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
     points = {name: (s["ffts"], s["held_db"]) for name, s in summary.items() if np.isfinite(s["held_db"])}
     figure = new_figure(7.0, 4.2)
     axis = figure.subplots()
+    front = pareto(points)
     if points:
-        front = pareto(points)
         axis.plot(
             *zip(*(points[name] for name in front), strict=True),
             color="0.7",
@@ -135,11 +135,24 @@ def draw_pareto(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
             zorder=1,
         )
         axis.set_title(f"{front[-1]} holds most; on the line no other is cheaper and better", fontsize=11)
-    for name, (ffts, held) in points.items():
-        style = series_style(name, tuple(points))
+    below = 0
+    for name in sorted(points, key=lambda name: points[name]):
+        (ffts, held), style = points[name], series_style(name, tuple(points))
         axis.plot(ffts, held, style["marker"], color=style["color"], ms=7)
-        axis.annotate(name, (ffts, held), xytext=(6, 4), textcoords="offset points", fontsize=9)
+        # names of the front stand above it; the others below, to the left and right by turns
+        place = {"xytext": (-6, 5), "ha": "right"} if name in front else {"xytext": (5, -13), "ha": "left"}
+        if name not in front:
+            place = {"xytext": (-5, -13), "ha": "right"} if below % 2 else place
+            below += 1
+        axis.annotate(name, (ffts, held), textcoords="offset points", fontsize=9, **place)
     axis.set_xscale("log")
+    ticks = [
+        t
+        for t in (10, 20, 30, 50, 100, 200, 300, 500, 1000)
+        if not points or t < 3 * max(x for x, _ in points.values())
+    ]
+    axis.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axis.minorticks_off()
     axis.set(
         xlabel="CPU per frame, method and altimeter, one at a time / FFTs of the frame",
         ylabel="held / dB, mean of cases",
