@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..core.receiver.frame_quality import FrameQuality
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
 from ..evaluation.simulation import segmented
@@ -24,8 +25,10 @@ class Frames:
     offset_s : (n,) float
         Timing that the segmenter found.
     trial : (n,) bool
+    quality : (n,) structured
+        What methods need to know of received frames, found once for all.
     truth_m : (trials,) float
-        Altitudes of the trials.
+        Altitudes of the trials; infinite without a return, where none is right.
     lost : int
         Trials that the segmenter did not give.
     """
@@ -35,14 +38,15 @@ class Frames:
     index: np.ndarray
     offset_s: np.ndarray
     trial: np.ndarray
+    quality: np.ndarray
     truth_m: np.ndarray
     lost: int
 
 
 @lru_cache(maxsize=2)  # the entries of a level take the same frames, 60 KB each
-def frames_of(case: Case, sir_db: float | None) -> Frames:
+def frames_of(case: Case, level_db: float | None) -> Frames:
     """Frames of a case at a level, in order. Raises RuntimeError where the timing is not acquired."""
-    scene = case.at(sir_db)
+    scene = case.at(level_db)
     programme = scene.altitude.programme
     kept = [frame for part in segmented(scene, segmenter_of(scene)) for frame in part]
     index = np.array([frame.index for frame in kept], dtype=int)
@@ -51,12 +55,20 @@ def frames_of(case: Case, sir_db: float | None) -> Frames:
         raise RuntimeError(
             f"{case.name}: no frame was segmented; look at channel.start_offset_samples and the SNR"
         )
+    samples = np.stack([frame.samples for frame in kept])
     return Frames(
         scene=scene,
-        samples=np.stack([frame.samples for frame in kept]),
+        samples=samples,
         index=index,
         offset_s=np.array([frame.offset_s for frame in kept]),
         trial=trial,
-        truth_m=np.asarray(programme.altitude_m(index[trial])),
+        quality=FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(samples),
+        truth_m=_truth_m(scene, index[trial]),
         lost=programme.trial_frames - int(np.count_nonzero(trial)),
     )
+
+
+def _truth_m(scene: Scene, index: np.ndarray) -> np.ndarray:
+    if scene.return_model == "none":
+        return np.full(index.size, np.inf)
+    return np.asarray(scene.altitude.programme.altitude_m(index))

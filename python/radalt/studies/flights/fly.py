@@ -17,12 +17,15 @@ from ...core.receiver.integrator import Integrator
 from ...core.receiver.summed_block import Block
 from ...core.receiver.tracker import AltitudeTracker, TrackerSettings
 from ...core.returns.point import point_return
+from ...core.waveform import Waveform
 from ...evaluation.results.chain import Chain, method_of
 from ...evaluation.results.integrity import COUNTS, Integrity, alert_limit_m, integrity, time_to_first_s
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
-from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
 
+WAVEFORM = Waveform()
+SNR_DB = 10.0  # as in the lists of the bench
+SPEED_M_PER_S = 10.0  # largest vertical speed, up and down
 _BLOCK = 40  # frames of an output
 FRAMES = 25 * _BLOCK  # frames per second
 CONFIRMING = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track

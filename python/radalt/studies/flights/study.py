@@ -19,7 +19,7 @@ from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.style import series_style
 from ...evaluation.results.table import number, table
-from .tracked import CONFIRMING, FLIGHTS, FRAMES, NR_MS, TRACKED_COLUMNS, fly
+from .fly import CONFIRMING, FLIGHTS, FRAMES, NR_MS, TRACKED_COLUMNS, fly
 
 _RECEIVED_S = 0.002  # CPU seconds to make a frame, with its altimeters and trackers
 
@@ -82,7 +82,7 @@ class FlightsStudy(ChainStudy):
         draw_flights(rows["rows"], folder.path / "tracked_flights.png")
         values = {"total": sum(map(Integrity.of_row, rows["rows"]), Integrity())}
         return write_result(
-            folder, Path(__file__).with_name("flights.md.j2"), run.as_dict(), report | rows, values
+            folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report | rows, values
         )
 
     def seconds(self, point: FlightPoint) -> float:

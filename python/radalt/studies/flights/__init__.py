@@ -1,0 +1,1 @@
+"""Flights below base stations that transmit continuously, per frame and tracked."""
