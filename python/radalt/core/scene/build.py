@@ -47,11 +47,13 @@ def channel_of(scene: Scene) -> SimulatedChannel:
 
 def segmenter_of(scene: Scene, *, follow_programme: bool = True) -> FrameSegmenter:
     """Timing and frames; ``follow_programme`` False accepts any altitude within the altimeter's span."""
+    top_m = scene.altimeter.resolved(scene.waveform).max_altitude_m
+    assert top_m is not None  # resolved
     return FrameSegmenter(
         scene.waveform,
         scene.altitude.programme if follow_programme else None,
         scene.segmenter,
-        max_altitude_m=max(scene.altimeter_settings.max_altitude_m, scene.reach_m),
+        max_altitude_m=max(top_m, scene.reach_m),
         true_delay=scene.altitude.mode == "true_delay" or scene.altitude.drawn is not None,
         point_target=scene.return_model == "point",
         leakage=leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform),

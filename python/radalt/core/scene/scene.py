@@ -166,7 +166,7 @@ class Scene:
 
     @property
     def reach_m(self) -> float:
-        """Farthest ground: the highest altitude; of terrain half as far again, since it extends beyond its nearest point."""
+        """Farthest ground: the highest altitude; of terrain half as far again, beyond its nearest point."""
         return max(self.altitude.programme.altitudes_m) * (1.5 if self.return_model == "terrain" else 1.0)
 
     @property
