@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import collect
-import flights
 import gallery
 import integrity
 import landing_eval
@@ -171,7 +170,6 @@ COMMANDS = {
     landing_eval: "--jobs --frames --trials --sensitivity-trials --seed --sir-db --flat-m",
     leaving_out: "--frames --repeats",
     integrity: "--frames --outputs --seed",
-    flights: "--flights --flight-s --seed",
     realtime_benchmark: "--seconds --overlap --batch",
     gallery: "--seed",
     ota_remote: "--keep-alive-s",
@@ -209,7 +207,6 @@ OTHERS = {
         "--methods=" + "x" * 999, "--groups=", "--models=nothing.onnx", "--methods=none,none",
         "--groups=numbers,numbers",
     ),
-    flights: ("--methods=" + "x" * 999, "--methods=", "--methods=none,none"),
     integrity: (
         "--methods=none,none", "--groups=noise,noise", "--methods=" + "x" * 999, "--groups=nothing",
         "--frames=401", "--replay=nothing:1", "--replay=noise:-1",

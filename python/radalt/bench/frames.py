@@ -20,13 +20,12 @@ class Frames:
     ----------
     scene : Scene
     samples : (n, N) complex64
+    quality : (n,) of QUALITY_DTYPE
     index : (n,) int
         Frame numbers.
     offset_s : (n,) float
         Timing that the segmenter found.
     trial : (n,) bool
-    quality : (n,) structured
-        What methods need to know of received frames, found once for all.
     truth_m : (trials,) float
         Altitudes of the trials; infinite without a return, where none is right.
     lost : int
@@ -35,10 +34,10 @@ class Frames:
 
     scene: Scene
     samples: np.ndarray
+    quality: np.ndarray
     index: np.ndarray
     offset_s: np.ndarray
     trial: np.ndarray
-    quality: np.ndarray
     truth_m: np.ndarray
     lost: int
 

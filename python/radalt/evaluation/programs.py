@@ -25,7 +25,7 @@ _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
 _TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # commands until 0.2.0
 # commands until 0.3.0, and what measures the same now
 _MOVED = {
-    "cancellation": "radalt bench evm (flights: radalt flights)",
+    "cancellation": "radalt bench evm",
     "detection": "radalt bench detection, and radalt bench null without a return",
     "error-vs-runtime": "radalt bench runtime",
 }

@@ -122,7 +122,7 @@ class MethodPath:
         self.name = method
 
     def clean(self, frames: np.ndarray, quality: np.ndarray | None) -> np.ndarray:
-        """(n, N) frames behind the method, in batches of its own size; ``quality`` is what only methods need."""
+        """(n, N) frames behind the method, in batches of its own size; ``quality`` is what the received ones hold."""
         if self.method is None:
             return frames
         cleaned = np.empty_like(frames)
@@ -138,7 +138,7 @@ class MethodPath:
         self, frames: np.ndarray, quality: np.ndarray | None, index: np.ndarray, offset_s: np.ndarray
     ) -> None:
         """Process and measure (n, N) frames."""
-        spectra = self.altimeter.spectra(self.clean(frames, quality))
+        spectra = self.altimeter.spectra(self.clean(frames, quality), quality)
         self._results.append(self.altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index))
 
     def results(self) -> np.ndarray:
@@ -161,7 +161,6 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
     paths = [MethodPath(scene, method) for method in methods]
     segmenter = segmenter_of(scene)
     examine = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)
-    needed = any(path.name != METHODS["none"].name for path in paths)
     with _one_blas_thread():
         for frames in segmented(scene, segmenter):
             if not frames:
@@ -169,7 +168,7 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
             samples = np.stack([frame.samples for frame in frames])
             index = np.array([frame.index for frame in frames])
             offset_s = np.array([frame.offset_s for frame in frames])
-            quality = examine(samples) if needed else None
+            quality = examine(samples)
             for path in paths:
                 path.take(samples, quality, index, offset_s)
     signal_s = (scene.altitude.programme.total_frames + TAIL_FRAMES) * scene.waveform.sweep_s

@@ -1,20 +1,14 @@
-"""Emitters that go on from frame to frame, and the study of flights below them."""
-
-import csv
+"""Emitters that go on from frame to frame, and the power of their sum."""
 
 import numpy as np
 import pytest
 from gnuradio import radalt
-from pages import assert_whole
 
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
-from radalt.evaluation.engine.options import Options
-from radalt.evaluation.engine.run import run
-from radalt.studies.flights.study import FlightsStudy
 
 WAVEFORM = Waveform()
 
@@ -63,12 +57,3 @@ def test_the_sum_of_what_goes_on_meets_the_total_sir_in_the_mean():
     power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(81)][1:]
     assert np.mean(power) == pytest.approx(10.0, rel=0.03)
     assert np.std(power) > 0.3
-
-
-def test_flights_alone(tmp_path, monkeypatch, measured_here, browser):
-    monkeypatch.setattr("radalt.studies.flights.study.FRAMES", 120)
-    page = run(FlightsStudy(("none",), flights=1, length_s=1, seed=5), Options(tmp_path / "a", jobs=1))
-    assert_whole(page, browser)
-    assert "1 flights of 1 s" in page.read_text(encoding="utf-8")
-    rows = list(csv.DictReader((tmp_path / "a" / "rows.csv").open(encoding="utf-8")))
-    assert len(rows) == 3 * 1 * 3 and {r["outputs"] for r in rows} == {"3"}  # kinds, flights, allowed speeds

@@ -1,1 +1,0 @@
-"""Flights below base stations that transmit continuously, per frame and tracked."""
