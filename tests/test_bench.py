@@ -16,8 +16,11 @@ from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import paired
 from radalt.bench.rows import bits, read_rows, row_of, unbits
 from radalt.bench.views.null import false_altitudes
+from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
-from radalt.evaluation.simulation import run_chain
+from radalt.evaluation.flowgraph.generate import prepare
+from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.results.score import trials_of
 
 OPEN = ("standard", "ideal")  # lists without entries of their own: any method is compared there
 OWN = """
@@ -64,22 +67,6 @@ def test_returns_are_the_same_at_every_level_and_more_frames_extend_them():
     high, low = (few.at(level).altitude.programme for level in (-10.0, -40.0))
     assert high == low and high.altitudes_m == many.at(-10.0).altitude.programme.altitudes_m[:40]
     assert few.at(-10.0).seed != few.at(-40.0).seed
-
-
-@pytest.mark.parametrize(("name", "case"), [("standard", "nr10"), ("ideal", "qpsk_rectangular")])
-def test_an_entry_gives_what_the_direct_path_gives(name, case):
-    """To the bit, on a transmission that goes on and on frames drawn anew; that path equals the flowgraph."""
-    case = load_list(name, frames=8, only=[case]).cases[2]
-    scene = case.at(-30.0)
-    methods = ("none", "lms", "whitening", "time_frequency", "ofdm_cancel")
-    chain = run_chain(scene, methods)
-    frames = frames_of(case, -30.0)
-    for method in methods:
-        direct = chain.results[method]
-        direct = direct[scene.altitude.programme.is_trial(direct["frame_index"])]
-        mine = run(Entry(method, method), frames).results
-        for field in ("frame_index", "valid", "altitude_m", "forced_altitude_m", "ambiguity_db"):
-            np.testing.assert_array_equal(mine[field], direct[field])
 
 
 def test_bits_survive_the_row_and_pairs_are_of_the_same_frames():
@@ -219,3 +206,18 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(tmp_path):
     flipped = [row | {"right": bits(~unbits(row["right"], 8))} for row in mine]
     with pytest.raises(InputError, match="at most 1 % may"):
         check_rows(flipped, theirs)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(("name", "case"), [("standard", "nr10"), ("ideal", "qpsk_rectangular")])
+def test_every_method_gives_in_the_flowgraph_what_it_gives_here(tmp_path, name, case):
+    """To the bit, on a transmission that goes on and on frames drawn anew, with returns drawn per frame."""
+    case = load_list(name, frames=6, only=[case], salt="test").cases[2]
+    scene, frames = case.at(-30.0), frames_of(case, -30.0)
+    methods = tuple(METHODS)
+    played = run_point(prepare(scene, methods, tmp_path), scene).results
+    for method in methods:
+        theirs = trials_of(played[method], scene.altitude.programme)[0]
+        mine = run(Entry(method, method), frames).results
+        for field in ("frame_index", "valid", "altitude_m", "forced_altitude_m", "ambiguity_db"):
+            np.testing.assert_array_equal(mine[field], theirs[field], err_msg=f"{method}: {field}")

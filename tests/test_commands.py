@@ -27,7 +27,7 @@ SOURCES = [*PROGRAMS, *COMMANDS, *(file for folder in FOLDERS for file in ROOT.g
 COMMAND = re.compile(r"(?:[A-Z_]+=\S+ )*(?:\S*bin/python3?|python3?|make|\./\S+|tools/\S+\.sh) \S.*")
 # Those that stop by themselves before they measure; of all others only the options are read.
 STOP = {"ota_eval": "--plan"} | dict.fromkeys(
-    ("bench", "integrity", "landing_eval", "leaving_out", "stability"), "--dry-run"
+    ("integrity", "landing_eval", "leaving_out", "stability"), "--dry-run"
 )
 PLACEHOLDER = re.compile(r"\b(CASE|NAME|LOGIN-NODE)\b|\.\.\.|/path/to/")
 
