@@ -34,6 +34,13 @@ def did_you_mean(name: Any, known: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}? " if close else ""
 
 
+def allowed(name: Any, known: Iterable[str]) -> str:
+    """A sentence with all known names, the nearest first, and with the one that was probably meant."""
+    text = shown(name).strip("'")
+    near = sorted(known, key=lambda k: (-difflib.SequenceMatcher(None, text, k).ratio(), k))
+    return f"{did_you_mean(name, near)}allowed: {', '.join(near) or 'nothing'}"
+
+
 def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:
     """Check attributes of ``owner`` against their (lowest, highest), both allowed; None is no value and passes.
 
