@@ -87,7 +87,7 @@ def build(
         if key not in fields:
             name = shown(key).strip("'")
             path = f"{where}.{name}" if where else name
-            raise ValueError(f"unknown key {path!r}; {allowed(name, [*fields, *also])}")
+            raise ValueError(f"unknown key {path!r}; {allowed(name, sorted({*fields, *also}))}")
         path, field = f"{where}.{key}" if where else key, fields[key]
         convert_field = (special or {}).get(field)
         values[field] = (

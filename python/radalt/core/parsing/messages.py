@@ -35,10 +35,10 @@ def did_you_mean(name: Any, known: Iterable[str]) -> str:
 
 
 def allowed(name: Any, known: Iterable[str]) -> str:
-    """A sentence with all known names, the nearest first, and with the one that was probably meant."""
-    text = shown(name).strip("'")
-    near = sorted(known, key=lambda k: (-difflib.SequenceMatcher(None, text, k).ratio(), k))
-    return f"{did_you_mean(name, near)}allowed: {', '.join(near) or 'nothing'}"
+    """A sentence with all known names, near ones first, and with the one that was probably meant."""
+    known = list(known)
+    near = difflib.get_close_matches(shown(name).strip("'"), known, max(1, len(known)))
+    return f"{did_you_mean(name, known)}allowed: {', '.join(dict.fromkeys([*near, *known])) or 'nothing'}"
 
 
 def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:
