@@ -35,6 +35,7 @@ def _arguments(parser: Parser) -> None:
         type=number(float, -1e5, 1e5),
         help="added to the trajectory's altitudes (datum)",
     )
+    add("--altitude-unit", choices=("m", "ft"), help="of an altitude column that does not state it")
     add("--max-gap-s", type=number(float, 0, 1e6), help="longest gap in the trajectory that is interpolated")
     add("--terrain", type=path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
     add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
@@ -72,6 +73,7 @@ def _config(args: argparse.Namespace) -> "LandingConfig":
         file=str(args.trajectory.resolve()) if args.trajectory else None,
         aircraft=args.aircraft,
         altitude_offset_m=args.altitude_offset_m,
+        altitude_unit=args.altitude_unit,
         max_gap_s=args.max_gap_s,
     )
     files = None if args.terrain is None else tuple(str(p.resolve()) for p in args.terrain)
