@@ -40,7 +40,7 @@ def _arguments(parser: Parser) -> None:
     add("--terrain", type=path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
     add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
     add("--flat-m", type=number(float, -1e4, 1e4), help="elevation of the flat earth")
-    add("--sir-db", type=number(float, -200, 200), help="SIR of the approach and the sensitivity table")
+    add("--sir-db", type=number(float, -200, 20), help="SIR of the approach and the sensitivity table")
     add("--methods", help="comma-separated, e.g. none,whitening,tcae")
     add("--frames", type=number(int, 0, 2_000_000), help="frames of the approach; 0 leaves it out")
     add("--trials", type=number(int, 0, 1_000_000), help="frames per point of the curves; 0 leaves them out")
