@@ -18,7 +18,7 @@ _DEEPEST_M = (
 _MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
 
 
-class TerrainError(ValueError):
+class TerrainError(InputError):
     """Terrain is missing, void, not readable, or above the aircraft; the message is one line."""
 
 

@@ -33,7 +33,7 @@ _LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight 
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
 
 
-class TrajectoryError(ValueError):
+class TrajectoryError(InputError):
     """A trajectory file or a query into it does not make sense; the message is one line."""
 
 
