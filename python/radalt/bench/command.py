@@ -58,10 +58,12 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     if args.plan:
         for case in cases.cases:
             levels = case.levels_db
-            span = "one level"
+            span = "no interference"
             if levels[0] is not None:
                 name = case.grid.axis.removesuffix("_db").upper()
-                span = f"{name} {levels[0]:g} to {levels[-1]:g} dB, {len(levels)} levels"
+                span = f"{name} {levels[0]:g} dB"
+                if len(levels) > 1:
+                    span = f"{name} {levels[0]:g} to {levels[-1]:g} dB, {len(levels)} levels"
             print(
                 f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
             )

@@ -186,7 +186,8 @@ def load_list(
     for case, own in data["cases"].items():
         if only and case not in only:
             continue
-        cases += _cases(data, case, own, f"{path.name}: {case}", frames, salt)
+        where = f"{path.name}: {case}"
+        cases += _cases(data, case, _like(data["cases"], own, where), where, frames, salt)
     entries = data.get("entries", {})
     if isinstance(entries, list):  # names of methods
         entries = {entry: {} for entry in entries}
@@ -214,13 +215,27 @@ def _extended(path: Path) -> dict[str, Any]:
     return taken | own | {"base": _merged(other.get("base", {}), own.get("base", {}))}
 
 
+def _like(cases: dict[str, Any], own: Any, where: str, depth: int = 0) -> dict[str, Any]:
+    """Keys of a case over those of the case that it is ``like``: interferers of the same kind are changed, too."""
+    if not isinstance(own, dict):
+        raise ValueError(f"{where} is {shown(own)}; expected a mapping of scene keys")
+    if "like" not in own:
+        return dict(own)
+    name = own["like"]
+    if name not in cases or depth > len(cases):
+        raise ValueError(f"{where}: like is {shown(name)}; give another case of the list, there are {', '.join(cases)}")
+    other = _like(cases, cases[name], where, depth + 1)
+    out = _merged({k: v for k, v in other.items() if k != "title"}, {k: v for k, v in own.items() if k != "like"})
+    was, now = other.get("interference"), own.get("interference")
+    if isinstance(was, dict) and isinstance(now, dict):
+        out["interference"] = {kind: _merged(was.get(kind, {}), keys) for kind, keys in now.items()}
+    return out
+
+
 def _cases(
     data: dict[str, Any], name: str, own: Any, where: str, frames: int | None, salt: str
 ) -> list[Case]:
     """A case at each of its overlaps."""
-    if not isinstance(own, dict):
-        raise ValueError(f"{where} is {shown(own)}; expected a mapping of scene keys")
-    own = dict(own)
     try:
         shared, mine = data.get("grid", {}), own.pop("grid", None) or {}
         if any(axis in mine for axis in _AXES):  # a case of its own axis
