@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 from ..channel.settings import ChannelSettings
@@ -164,7 +165,7 @@ class Scene:
         self.__dict__.update(state)
         self._name_methods()
 
-    @property
+    @cached_property
     def altimeter_settings(self) -> AltimeterSettings:
         """Settings of the altimeter; an open search span is taken from the scene's altitudes."""
         highest = max(self.altitude.programme.altitudes_m)
