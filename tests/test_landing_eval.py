@@ -7,17 +7,20 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import ota_eval
 import pytest
-from hostile import draw_nothing, ended, measure_here
+from hostile import assert_refused, draw_nothing, ended, measure_here
 from pages import assert_whole
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
-from radalt.core.scene import load_scene
+from radalt.core.scene import load_scene, parse_scene
+from radalt.core.scene.build import segmenter_of
 from radalt.core.waveform import Waveform
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA
 from radalt.evaluation.results.score import accuracy_limit_m
+from radalt.evaluation.simulation import segmented
 from radalt.studies.landing import command as landing_command
 from radalt.studies.landing import config as landing
 from radalt.studies.landing import points as landing_points
@@ -160,6 +163,7 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measure
     ("arguments", "message"),
     [
         (["--terrain", "{flat}/flat_n41w088.dt0"], "does not cover"),
+        (["--terrain", "{flat}/flat_n41w089.dt0", "--frames", "9"], "does not cover"),
         (["--terrain", "missing.dt1"], "missing.dt1"),
         (["--trajectory", "missing.csv"], "missing.csv"),
         (["--altitude-offset-m", "-300"], "above ground"),
@@ -178,6 +182,21 @@ def test_what_does_not_fit_gets_one_line(small, tmp_path, root, arguments, messa
     status, error = ended(landing_command.main, *study, *arguments, "--out", tmp_path / "out", "--jobs", "1")
     assert status == 2
     assert message in error and error.count("\n") == 1
+
+
+# the nadir leaves the western cell at 76.3 s, the footprint some seconds before
+WEST = {"trajectory": {"end_s": 76.0}, "terrain": {"files": ["flat_n41w089.dt0"]}}
+
+
+@pytest.mark.parametrize("way", [["--plan"], ["--out", "run"]])
+def test_a_footprint_that_leaves_the_terrain_is_one_line_from_the_plan_on(tmp_path, monkeypatch, way):
+    monkeypatch.chdir(tmp_path)
+    Path("west.yaml").write_text(
+        f"{{return: terrain, altitude: {{frames: 1, landing_frames: 40}}, landing: {json.dumps(WEST)}}}"
+    )
+    status, error = ended(ota_eval.main, "--sim", "--scene", "west.yaml", "--methods", "none", *way)
+    assert_refused(status, error)
+    assert "terrain does not cover 41.9" in error and not Path("run").exists()
 
 
 @pytest.mark.parametrize(
@@ -281,3 +300,24 @@ def test_live_profile_plays_the_same_echoes(root):
     assert np.mean(powers) == pytest.approx(1.0, abs=0.35)
     with pytest.raises(ValueError, match="at least 2"):
         LandingSpec().profile(Waveform(), frames=1)
+
+
+@pytest.mark.parametrize("altimeter", [{}, {"max_altitude_m": 1600.0}])
+def test_ground_above_the_default_span_loses_no_frame(tmp_path, altimeter):
+    """Level at 1,600 m over flat ground, whose far echoes lie beyond its nearest point."""
+    rows = "".join(f"{k},{41 + 5e-4 * k},-87.5,1600\n" for k in range(4))
+    (tmp_path / "high.csv").write_text("time_s,latitude_deg,longitude_deg,altitude_m\n" + rows)
+    files = {"trajectory": {"file": "high.csv"}, "terrain": {"files": [], "flat_m": 0.0}}
+    scene = parse_scene(
+        {
+            "return": "terrain",
+            "altitude": {"frames": 1, "landing_frames": 30},
+            "landing": {"folder": str(tmp_path), **files},
+            "channel": {"snr_db": 20.0},
+            "altimeter": altimeter,
+        }
+    )
+    segmenter = segmenter_of(scene)
+    frames = [frame for part in segmented(scene, segmenter) for frame in part]
+    assert sum(bool(scene.altitude.programme.is_trial(frame.index)) for frame in frames) == 30
+    assert segmenter.counters["lock_losses"] == 0
