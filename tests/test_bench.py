@@ -167,6 +167,8 @@ def test_entries_have_their_own_altimeter_and_take_turns(tmp_path, browser):
         ({"grid": {"sir_db": "0:-60"}}, "grid.sir_db is '0:-60'; give levels, or first:last:step"),
         ({"grid": {"sir_db": [0], "snr_db": [0]}}, "grid has sir_db and snr_db; give one of them"),
         ({"grid": {"sinr_db": [20]}}, "mixture: grid.sinr_db 20 is not below channel.snr_db 10; lower it"),
+        ({"cases": {"a": {"like": "b"}, "b": {"like": "a"}}}, "mine.yaml: a: like is"),
+        ({"cases": {"a": 3}}, "mine.yaml: a is 3; expected a mapping of scene keys"),
         (
             {"extends": "nothing"},
             "list 'nothing': no such file, and no shipped list; there are detection, evm",
