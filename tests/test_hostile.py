@@ -163,7 +163,7 @@ def test_hostile_option_of_the_evaluation_gets_one_line(option):
 
 
 COMMANDS = {
-    landing_eval: "--jobs --frames --trials --sensitivity-trials --seed --sir-db --flat-m",
+    landing_eval: "--jobs --frames --sensitivity-trials --seed --sir-db --flat-m",
     leaving_out: "--frames --repeats",
     integrity: "--frames --outputs --seed",
     realtime_benchmark: "--seconds --overlap --batch",
@@ -193,7 +193,7 @@ OTHERS = {
     landing_eval: (
         "nothing.yaml", "/dev/zero", "--trajectory=/dev/zero", "--terrain=/dev/zero",
         "--methods=" + "x" * 999, "--methods=", "--aircraft=a1b2c3 --dry-run",
-        "--frames=0 --trials=0 --sensitivity-trials=0",
+        "--frames=0 --sensitivity-trials=0",
     ),
     bench: (
         "nothing.yaml", "/dev/zero", "null --methods=nothing", "null --cases=nothing", "null --frames=0",

@@ -223,9 +223,13 @@ def _like(cases: dict[str, Any], own: Any, where: str, depth: int = 0) -> dict[s
         return dict(own)
     name = own["like"]
     if name not in cases or depth > len(cases):
-        raise ValueError(f"{where}: like is {shown(name)}; give another case of the list, there are {', '.join(cases)}")
+        raise ValueError(
+            f"{where}: like is {shown(name)}; give another case of the list, there are {', '.join(cases)}"
+        )
     other = _like(cases, cases[name], where, depth + 1)
-    out = _merged({k: v for k, v in other.items() if k != "title"}, {k: v for k, v in own.items() if k != "like"})
+    out = _merged(
+        {k: v for k, v in other.items() if k != "title"}, {k: v for k, v in own.items() if k != "like"}
+    )
     was, now = other.get("interference"), own.get("interference")
     if isinstance(was, dict) and isinstance(now, dict):
         out["interference"] = {kind: _merged(was.get(kind, {}), keys) for kind, keys in now.items()}

@@ -1,7 +1,7 @@
 """95 % intervals of a binomial proportion."""
 
 import numpy as np
-from scipy.special import bdtr, betaincinv, ndtri
+from scipy.special import betaincinv, ndtri
 
 _CONFIDENCE = 0.95
 
@@ -55,17 +55,3 @@ def clopper_pearson_bound(events: int, trials: int) -> float:
     0.00994
     """
     return 1.0 if events >= trials else float(betaincinv(events + 1, trials - events, _CONFIDENCE))
-
-
-def mcnemar(ours_alone: int, theirs_alone: int) -> float:
-    """Exact two-sided p-value of McNemar's test for two methods on the same trials.
-
-    Arguments are the trials that only one of them has correct. Q. McNemar, Psychometrika 12, 1947.
-
-    Examples
-    --------
-    >>> mcnemar(0, 0), round(mcnemar(1, 9), 4)
-    (1.0, 0.0215)
-    """
-    few, trials = min(ours_alone, theirs_alone), ours_alone + theirs_alone
-    return min(1.0, 2.0 * float(bdtr(few, trials, 0.5))) if trials else 1.0
