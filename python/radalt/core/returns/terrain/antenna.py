@@ -63,6 +63,14 @@ class GaussianAntenna:
         return float(0.5 * self.one_way_beamwidth_rad * np.sqrt(drop_db / two_way_db))
 
 
+def _number(text: str | None) -> float:
+    """A cell's number, NaN where it is none."""
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return float("nan")
+
+
 @dataclass(frozen=True)
 class TabulatedAntenna:
     """Pattern from a table, linear in decibels between its points, held constant beyond the last angle.
@@ -85,6 +93,7 @@ class TabulatedAntenna:
     def load(cls, path: Path | str) -> "TabulatedAntenna":
         """Read a CSV file with columns ``angle_deg,gain_dbi`` or ``angle_deg,azimuth_deg,gain_dbi``.
 
+        ``elevation_deg``, up from the horizon, may stand for ``angle_deg``, which then counts from the zenith.
         Lines beginning with ``#`` are comments. With azimuths, every angle needs every azimuth.
 
         Raises
@@ -101,6 +110,10 @@ class TabulatedAntenna:
         lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
         rows = list(csv.DictReader(lines))
         names = set(rows[0]) if rows else set()
+        if "elevation_deg" in names - {"angle_deg"}:
+            for r in rows:
+                r["angle_deg"] = 90.0 - _number(r["elevation_deg"])
+            names.add("angle_deg")
         if not {"angle_deg", "gain_dbi"} <= names:
             raise ValueError(
                 f"antenna file {path} needs the columns angle_deg and gain_dbi (and azimuth_deg)"
@@ -127,7 +140,7 @@ class TabulatedAntenna:
             hint = (
                 f"angle {absent[0][0]:g} azimuth {absent[0][1]:g} deg is missing"
                 if absent
-                else "angles start at 0"
+                else "angles start at 0 (elevations at 90)"
             )
             raise ValueError(f"antenna file {path}: {hint}; give at least two angles and the whole grid")
         table = np.array([[points[a, z] for z in azimuths] for a in angles])
