@@ -14,12 +14,13 @@ from radalt.bench.entry import Entry, run
 from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import paired
-from radalt.bench.rows import bits, read_rows, row_of, unbits
+from radalt.bench.rows import read_rows, row_of
 from radalt.bench.views.null import false_altitudes
 from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
 from radalt.evaluation.flowgraph.generate import prepare
 from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.results.rows import bits, unbits
 from radalt.evaluation.results.score import trials_of
 
 SHIPPED = tuple(METHODS)  # before other tests name methods of their own
