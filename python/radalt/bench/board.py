@@ -7,9 +7,10 @@ from ..core.mitigation import METHODS
 from ..core.parsing import InputError
 from ..core.paths import share_dir
 from ..evaluation.results.proportion import clopper_pearson_bound
+from ..evaluation.results.rows import unbits
 from ..evaluation.results.table import table
 from .paired import curves, held, paired
-from .rows import Row, read_rows, unbits
+from .rows import Row, read_rows
 
 _UNLIKE = 0.01  # largest share of frames that ``none`` may judge unlike the stored rows: last bits of other machines
 _LIVE_FFTS = (
