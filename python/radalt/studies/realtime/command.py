@@ -8,8 +8,8 @@
 
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
 drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count. Cost is
-in FFTs: CPU time per frame over that of one complex64 FFT of a frame, timed in the same run. With the cost of each block
-are that of its function alone in a loop, and its calls per frame.
+in FFTs: CPU time per frame over that of one complex64 FFT of a frame, timed in the same run. Each block's function
+alone in a loop, and its calls per frame, are given as well.
 """
 
 import tempfile
