@@ -53,7 +53,7 @@ class BlockLms(Mitigation):
 
     name = "lms"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
-    batch = 16  # frames share the calls per block
+    batch = 64  # frames share the calls per block
     # parameter of `Altimeter.confirms`; 1 is the paper's setting, without a test against noise
     _confirmed_pfa = 1.0
 
