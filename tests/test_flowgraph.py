@@ -219,7 +219,7 @@ def test_description_makes_the_block_for_every_option_of_its_choices(path, platf
     for case in cases:
         make, callbacks, errors, _ = rendered(platform, key, **case)
         assert errors == []
-        if key in ("radalt_sigmf_source", "radalt_recording_jammer_source"):
+        if key == "radalt_sigmf_source":
             continue  # needs a recording; made where recordings are tested
         holder = gr.top_block()
         holder.it = eval(make, {"radalt": radalt, "scene": scene, "self": holder})  # noqa: S307 - what the compiler writes
