@@ -15,6 +15,7 @@ import pytest
 import uhd_double
 import yaml
 from gnuradio import blocks, gr, radalt
+from hostile import write_scene
 from uhd_double import RADIO
 
 from radalt.core.radio.calibration import (
@@ -30,7 +31,7 @@ from radalt.core.scene import SceneError, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.flowgraph.generate import Prepared, generate
 from radalt.evaluation.flowgraph.rewrite import load_grc
-from radalt.evaluation.flowgraph.run import load_class, write_scene
+from radalt.evaluation.flowgraph.run import load_class
 from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.radios import hardware
 from radalt.evaluation.radios.hardware import calibrate, run_hardware
