@@ -41,7 +41,7 @@ def test_a_carrier_goes_on_where_a_base_station_repeats_itself():
 def test_a_scene_s_base_station_goes_on_too_whatever_its_sir_is_set_to():
     """A whole scene's source has a total SIR: no frame is scaled by itself, and a new SIR is a new gain alone."""
     scene = parse_scene({"interference": {"nr": {"sir_db": -20.0, "free_running": True, "frame_count": 2}}})
-    source = radalt.mixture_jammer_source(scene, sir_db=-10.0)
+    source = radalt.jammer_source(scene, sir_db=-10.0)
     source.stream.programme = None
     frames = np.stack([source.stream.next_frame() for _ in range(45)])
     np.testing.assert_allclose(frames[1:21], frames[21:41], atol=1e-5)
