@@ -21,7 +21,6 @@ from radalt.evaluation.overlap.pooling import collect, pool_runs
 from radalt.evaluation.overlap.reading import PoolError, read_run
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
-from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.rows import bits
@@ -91,9 +90,9 @@ def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
     ceiling = [r for r in rows if r["overlap"] == 0]
     run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     if whole:
-        write_report(folder, OverlapStudy(scene), rows, ceiling, run)
+        write_report(folder, scene, rows, ceiling, run)
     else:
-        folder.write_report(build_report(folder.head, OverlapStudy(scene), rows, ceiling, run))
+        folder.write_report(build_report(folder.head, scene, rows, ceiling, run))
     folder.close()
     return path
 
@@ -118,7 +117,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))
     run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
-    write_report(folder, OverlapStudy(scene), rows, [r for r in rows if r["overlap"] == 0], run)
+    write_report(folder, scene, rows, [r for r in rows if r["overlap"] == 0], run)
     folder.close()
     text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
     assert "Points without a frame never acquired the timing; they have no Pd (–)." in text

@@ -330,9 +330,8 @@ class OverlapStudy(Study):
         from .report import write_report
 
         ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
-        return write_report(
-            folder, self, rows["rows"], ceiling, run, rows["altitudes"], tracked=rows["tracked"]
-        )
+        more = {"left_out": self.left_out(), "tracked": rows["tracked"]}
+        return write_report(folder, self.scene, rows["rows"], ceiling, run, rows["altitudes"], **more)
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""
