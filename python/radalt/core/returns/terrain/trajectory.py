@@ -25,8 +25,8 @@ COLUMNS = {
     "aircraft": ("icao24", "hex", "callsign"),
     "onground": ("onground", "on_ground"),
 }
-# Altitude columns that state their unit, and columns beside which others hold feet as often as metres (OpenSky's own
-# state vectors, which have `velocity`, are metric)
+# Altitude columns that state their unit, and columns of flight logs, whose altitudes are in feet as often as in metres
+# (OpenSky's own state vectors, which have `velocity`, are metric)
 _UNITS = {"altitude_m": "m", "altitude_ft": "ft", "alt_ft": "ft", "alt_baro": "ft", "alt_geom": "ft"}
 _LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight callsign".split())
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
@@ -304,7 +304,7 @@ def _unit(path: Path, column: str, names: list[str], given: str | None) -> str:
     logged = sorted(_LOGGED.intersection(names))
     if not (stated or given) and logged and "velocity" not in names:
         raise TrajectoryError(
-            f"{path.name}: column {column} beside {', '.join(logged)} may be in feet or metres; "
+            f"{path.name}: column {column} may be in feet or metres, as the file has {', '.join(logged)}; "
             "give trajectory.altitude_unit: ft, or m"
         )
     return stated or given or "m"
