@@ -266,11 +266,12 @@ def test_a_method_looks_the_same_whatever_else_is_drawn():
     assert series_style("tcae", ["tcae"]) == series_style("tcae", ["none", "mine", "tcae"])
 
 
-def test_the_axis_of_one_overlap_says_that_overlap(tmp_path):
+def test_the_axis_of_one_overlap_are_the_methods(tmp_path):
     figure = draw_pd(
         [row for row in rows_of(scene_of()) if row["overlap"] == 1], tmp_path / "x.png", title="one"
     )
-    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["1"]
+    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == list(METHODS)
+    assert "overlap 1" in figure.axes[0].get_xlabel()
 
 
 def test_the_legend_of_every_method_lies_within_a_figure_of_one_panel(tmp_path):
