@@ -90,6 +90,11 @@ class frame_segmenter(gr.basic_block):
     """
 
     def __init__(self, scene: Scene, follow_programme: bool = True, drop_when_slow: bool = False) -> None:
+        if scene.auxiliary is not None:
+            raise ValueError(
+                f"scene {scene.name}: flowgraphs have one receive channel, and auxiliary states a second; use "
+                "radalt.evaluate or radalt bench, or leave the section out"
+            )
         n = scene.waveform.samples_per_frame
         gr.basic_block.__init__(self, "radalt_frame_segmenter", [np.complex64], [(np.complex64, n)])
         self._rate = scene.waveform.rate_hz
