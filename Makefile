@@ -18,7 +18,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test test-debian12 test-debian13 fuzz mutants types lock check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb wheel test-wheel clean distclean
+.PHONY: help eval test test-debian12 test-debian13 fuzz mutants count types lock check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb wheel test-wheel clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
@@ -41,6 +41,9 @@ fuzz: $(VENV)/.test ## hostile input at random, RADALT_FUZZ_S seconds (default 3
 
 mutants: $(VENV)/.test ## which small mistakes the tests find, in RADALT_MUTANTS_S seconds (default 3600)
 	@$(PYTHON) tools/mutants.py $(ARGS)
+
+count: $(PYTHON) ## lines of the package, the tests and the tools, with their ceilings, which a test holds
+	@$(PYTHON) tools/count_lines.py $(ARGS)
 
 # ARGS go to both targets: with them, better name one, e.g. TARGETS=test ARGS='-k flowgraph'.
 test-debian12: ## `make test` and `make eval` on a bare Debian 12, from nothing (root; TARGETS=..., BARE=folder to keep)

@@ -499,7 +499,7 @@ def test_endpoints(report):
         except ValueError as error:
             assert_line(str(error))
             return "refused"
-        assert re.fullmatch(r"|(ipc|inproc)://.+|tcp://(127\.[\d.]+|localhost|\[::1\]):(\d+|\*)", endpoint)
+        assert re.fullmatch(r"|ipc://.+|tcp://(127\.[\d.]+|localhost|\[::1\]):(\d+|\*)", endpoint)
         return "taken"
 
     report(fuzz(check, 200, ENDPOINTS), "taken", "refused")

@@ -1,32 +1,23 @@
-"""A ZMQ socket behind a `BoundedListener`; control and telemetry have separate contexts: neither delays the other."""
+"""A bound ZMQ socket with bounded queues and messages, in a context of its own: none delays another."""
 
-from functools import lru_cache
-from typing import Any
+from ..core.radio.endpoint import check_free
 
-from ..core.radio.endpoint import BoundedListener
-
-_LINGER_MS = 200  # for the last results on their way to the listener, on this machine
-
-
-@lru_cache(maxsize=2)
-def _context(kind: str) -> Any:
-    """Context of all sockets of a kind. It is never destroyed, since that waits for every socket."""
-    import zmq  # needed for endpoints only
-
-    return zmq.Context()
+_LINGER_MS = 200  # longest wait at the end for peers that take what was sent, ms
 
 
 class BoundSocket:
-    """A bound PUB or REP socket.
+    """A bound PUB or REP socket, ``socket``, with its ``address``.
 
     Parameters
     ----------
     kind : str
         ``PUB`` or ``REP``.
-    name, endpoint : str
-        See `BoundedListener`.
+    name : str
+        Name of the endpoint in messages.
+    endpoint : str
+        ``tcp://ADDRESS:PORT`` (``*`` for any of either) or ``ipc://FILE``.
     limit_bytes : int
-        Largest request with its framing, or all subscriptions of a peer.
+        Longest part of a message from a peer, and longest subscription; longer ones end the connection.
     queued : int
         Messages queued for a slow subscriber; more are dropped.
 
@@ -37,20 +28,23 @@ class BoundSocket:
     """
 
     def __init__(self, kind: str, name: str, endpoint: str, *, limit_bytes: int, queued: int = 1000) -> None:
-        import zmq
+        import zmq  # needed for endpoints only
 
-        self.listener = BoundedListener(name, endpoint, limit_bytes=limit_bytes, answered=kind == "REP")
-        inproc = endpoint.startswith("inproc://")  # such names belong to one context
-        self.socket = (zmq.Context.instance() if inproc else _context(kind)).socket(getattr(zmq, kind))
-        for option, value in ((zmq.LINGER, 0), (zmq.SNDHWM, queued), (zmq.MAXMSGSIZE, limit_bytes)):
-            self.socket.setsockopt(option, value)
+        check_free(name, endpoint)
+        self._context = zmq.Context()
+        self.socket = self._context.socket(getattr(zmq, kind))
+        options = {"LINGER": 0, "SNDHWM": queued, "MAXMSGSIZE": limit_bytes, "IPV6": int("[" in endpoint)}
+        for option, value in options.items():
+            self.socket.setsockopt(getattr(zmq, option), value)
         try:
-            self.socket.bind(self.listener.behind)
+            self.socket.bind(endpoint.replace("//localhost:", "//127.0.0.1:"))
         except zmq.ZMQError as error:
             self.close()
-            raise ValueError(f"{name} endpoint {endpoint!r} cannot be bound: {error}; use another") from None
+            raise ValueError(
+                f"{name} endpoint {endpoint!r} cannot be bound: {error.strerror}; use another"
+            ) from None
+        self.address = self.socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
     def close(self) -> None:
         """Free the endpoint."""
-        self.socket.close(linger=_LINGER_MS)
-        self.listener.close()
+        self._context.destroy(_LINGER_MS)

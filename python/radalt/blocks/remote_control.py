@@ -19,7 +19,6 @@ _POLL_MS = 20  # time between polls of both threads, ms: fifty beats within the 
 _STATE_EVERY = 50  # polls between state messages: one second
 _WAIT_S = 0.1  # pause of a thread after an error, s
 _MOST_PARTS = 1000  # most parts of a message that is received completely and answered
-_FRAMING_BYTES = 65_536  # ZMTP's framing of a request of a thousand parts and its handshake, bytes, at most
 _QUEUED = 10_000  # messages queued for a slow subscriber: 1.4 s of seven methods; more are dropped
 
 
@@ -27,7 +26,7 @@ class remote_control:
     """Publishes a flowgraph's results and state, and answers requests from any language.
 
     One thread publishes the altimeters' stored results, another one answers requests, so neither delays the signal path
-    or the other. A slow subscriber loses messages. Connections, input and queues are bounded (`BoundedListener`).
+    or the other. A slow subscriber loses messages. Queues and messages are bounded.
 
     Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object per message, the key ``type`` first:
     ``result`` (all fields of a result, ``method``, ``truth_m``), ``state`` (once a second). Control (REQ/REP): see
@@ -107,9 +106,7 @@ class remote_control:
         self._threads[-1].start()
 
     def _bind_control(self) -> BoundSocket:
-        return BoundSocket(
-            "REP", "control", self._control, limit_bytes=MAX_REQUEST_BYTES + _FRAMING_BYTES, queued=_QUEUED
-        )
+        return BoundSocket("REP", "control", self._control, limit_bytes=2 * MAX_REQUEST_BYTES)
 
     def close(self) -> None:
         """End the threads and free the endpoints."""
@@ -139,8 +136,7 @@ class remote_control:
             self._closing.wait(_POLL_MS / 1000)
         elif self._replier.socket.poll(_POLL_MS):
             self._reply()
-        if self._replier is None or self._replier.listener.alive:
-            self._beat()
+        self._beat()
 
     def _reply(self) -> None:
         """Receive and answer one message; a failed socket is replaced."""
@@ -162,11 +158,6 @@ class remote_control:
                 raise RequestError(
                     f"a message of more than {_MOST_PARTS} parts or {MAX_REQUEST_BYTES} bytes; send one part"
                 )
-
-    @property
-    def refused(self) -> int:
-        """Connections closed for too many bytes, or for newer connections."""
-        return sum(b.listener.refused for b in (self._publisher, self._replier) if b is not None)
 
     def _count_error(self, where: str, error: Exception) -> None:
         self.errors += 1
@@ -312,7 +303,6 @@ class remote_control:
             "published": self.published,
             "requests": self.requests,
             "errors": self.errors,
-            "refused": self.refused,
             "transmit": self._transmit_state(),
         }
 

@@ -105,7 +105,7 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
-    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath", *EFFECTS)}
+    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, *EFFECTS)}
     emitter = impaired(build(emitter_class(kind), own, path), params, path)
     stated_db = typing.cast(NamedEmitter, emitter).stated_sir_db
     if "sir_db" not in placement and stated_db is not None:
