@@ -7,11 +7,13 @@ import numpy as np
 
 from ..parsing import check_range
 from ..waveform import Waveform, exp_cycles
-from .converter import convert
 from .noise import ReceiverNoise
 
 # Noise of a converter in steps per rail, rms: 11 of 12 bits are effective, and what is below a step does not vanish
 _CONVERTER_NOISE = 0.5
+_HEADROOM = (
+    4.0  # full scale over the input's rms while interference lasts: gains are set for the scene, 12 dB
+)
 _RIPPLE_S = 200e-9  # delay of the reflection that makes the ripple, s: in 20 m of cable, to and fro
 _MOST_DELAY_S = 1e-5  # largest delay between antennas or of an echo, s: 3 km
 
@@ -75,8 +77,6 @@ class AuxiliarySettings:
         Third-order product of a tone of full scale in either channel, over the tone; None for none.
     adc_bits : int
         Resolution of both converters, 0..16, whose own noise is half a step; 0 for none.
-    headroom_db : float
-        Full scale of a converter over its input's mean power while interference lasts: gains are set for the scene.
     """
 
     directions: tuple[Direction, ...] = (Direction(),)
@@ -86,10 +86,9 @@ class AuxiliarySettings:
     image_db: float | None = -50.0
     third_order_db: float | None = -60.0
     adc_bits: int = 12
-    headroom_db: float = 12.0
 
     def __post_init__(self) -> None:
-        limits = {"isolation_db": (-20.0, 100.0), "ripple_db": (0.0, 6.0), "headroom_db": (0.0, 60.0)}
+        limits = {"isolation_db": (-20.0, 100.0), "ripple_db": (0.0, 6.0)}
         check_range("auxiliary", self, adc_bits=(0, 16), **limits)
         if not self.directions:
             raise ValueError("auxiliary.directions is empty; give one, or leave the key out")
@@ -129,7 +128,7 @@ class AuxiliaryReceiver:
         second = sum(gain * power for gain, power in zip(gains, interference, strict=False))
         leak = 10 ** (-settings.isolation_db / 10)
         powers = np.array([1.0 + sum(interference) + noise, leak + second + self.noise])
-        self._full_scale = np.sqrt(powers) * 10 ** (settings.headroom_db / 20)
+        self._full_scale = np.sqrt(powers) * _HEADROOM
 
     @property
     def reach_s(self) -> tuple[float, float]:
@@ -183,3 +182,13 @@ class AuxiliaryReceiver:
             step = full_scale / 2 ** (s.adc_bits - 1)
             self._converters[channel].add(out, 2 * (_CONVERTER_NOISE * step) ** 2)
             convert(out, s.adc_bits, full_scale)
+
+
+def convert(out: np.ndarray, bits: int, full_scale: float) -> None:
+    """Quantise and clip both rails of complex64 samples in place; ``full_scale`` is the amplitude of a rail."""
+    rails = out.view(np.float32)
+    step = np.float32(full_scale / 2 ** (bits - 1))
+    top = 2 ** (bits - 1) - 1
+    # one bit is mid-rise, since a mid-tread converter has a level at zero; from two bits on mid-tread
+    levels = np.sign(rails) * 0.5 if bits == 1 else np.clip(np.rint(rails / step), -top - 1, top)
+    rails[:] = levels * step

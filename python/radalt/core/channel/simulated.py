@@ -9,8 +9,7 @@ import numpy as np
 from ..programme import Programme
 from ..returns.landing import TerrainPlayer
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
-from .auxiliary import AuxiliaryReceiver
-from .converter import convert
+from .auxiliary import AuxiliaryReceiver, convert
 from .delay_line import HALF_TAPS, MOST_BLOCKS, STEPS, DelayLine
 from .noise import ReceiverNoise
 from .settings import ChannelSettings
