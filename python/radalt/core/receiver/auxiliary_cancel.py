@@ -6,7 +6,7 @@ P. W. Howells' side-lobe canceller (US patent 3,202,990, 1965) by least squares 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 from scipy.linalg import blas
 
 from ..parsing import check_range
@@ -113,8 +113,9 @@ class AuxiliaryCancel:
         self._bases = [np.polynomial.legendre.legval(time, row).astype(np.float32) for row in order]
         self._equations = slice(0, n, max(1, n // (_EQUATIONS * weights)))
         self._reference = waveform.reference.astype(np.complex64)
-        window = np.tile(signal.windows.tukey(n // 2, 0.1), 2)  # of each half sweep
-        self._dechirp = (window * self._reference.conj()).astype(np.complex64)
+        edge = np.linspace(0.0, 20.0, n // 2)  # of each half sweep a Tukey window, a twentieth at either end
+        window = 0.5 - 0.5 * np.cos(np.pi * np.minimum(1.0, np.minimum(edge, edge[::-1])))
+        self._dechirp = (np.tile(window, 2) * self._reference.conj()).astype(np.complex64)
         doppler_hz = waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S)
         cells = (waveform.altitude_to_beat_hz(max_altitude_m) + doppler_hz) * waveform.sweep_s + _GUARD_CELLS
         self._outside = np.abs(fft.fftfreq(n, 1 / n)) > cells
