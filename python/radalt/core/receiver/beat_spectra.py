@@ -24,9 +24,9 @@ from .cfar import support_of
 from .decimator import Decimator
 
 SHAPE_POINTS = 1 << 15
-_MOST_BLIND = 0.1  # largest blind part over the half sweep
 _CLOSE = 0.01  # cycles that a return may be off its beat's phase at the beginning of a half sweep
-_LARGEST_HEAD = 1 << 22  # entries of the table that leaves out each cell's own delay: 32 MB
+# Entries of the table that leaves out each cell's own delay: 8 MB, which costs 30 FFTs a frame.
+_LARGEST_HEAD = 1 << 20
 _SOFT = 0.05  # singular values below this share of the largest only sharpen the edge of what is left out
 # Spectral cells per resolution cell: two lose 0.9 dB to straddling, and beside a grating lobe the decision with it
 # (5 MHz NR at -60 dB behind the network: 0.84 of forced altitudes right with two, 1.00 with four).
@@ -149,8 +149,7 @@ class BeatSpectra:
         w = self.waveform
         limit_s = float(altitude_to_delay_s(self.settings.max_altitude_m))
         delay_s = np.clip(np.asarray(beat_hz) / w.slope_hz_per_s, 0.0, limit_s)
-        blind_s = np.clip(delay_s - np.sqrt(_CLOSE / w.slope_hz_per_s), 0.0, _MOST_BLIND * w.half_sweep_s)
-        return blind_s * w.rate_hz
+        return np.maximum(delay_s - np.sqrt(_CLOSE / w.slope_hz_per_s), 0.0) * w.rate_hz
 
     def _head_table(self) -> tuple[slice, slice, np.ndarray] | None:
         """What the blind part adds to each cell: H outputs of a half sweep, K cells, (H, K) complex64 weights.
