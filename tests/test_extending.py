@@ -171,8 +171,8 @@ def test_study_runs_on_the_engine(outside, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"interference": {"hopper": {}}}, "unknown interferer 'interference.hopper'; allowed: faa_91_220"),
-        ({"methods": ["clipper"]}, "methods names 'clipper'; allowed: none"),
+        ({"interference": {"hopper": {}}}, "unknown interferer 'interference.hopper'; allowed: "),
+        ({"methods": ["clipper"]}, "methods names 'clipper'; allowed: "),
         ({"radio": {"device": "x310_ubx"}}, "radio.device is 'x310_ubx'; allowed: b210"),
     ],
     ids=PLUGINS,

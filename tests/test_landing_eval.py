@@ -7,8 +7,9 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import ota_eval
 import pytest
-from hostile import draw_nothing, ended, measure_here
+from hostile import assert_refused, draw_nothing, ended, measure_here
 from pages import assert_whole
 
 from radalt.core.receiver.altimeter import AltimeterSettings
@@ -162,6 +163,7 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measure
     ("arguments", "message"),
     [
         (["--terrain", "{flat}/flat_n41w088.dt0"], "does not cover"),
+        (["--terrain", "{flat}/flat_n41w089.dt0", "--frames", "9"], "does not cover"),
         (["--terrain", "missing.dt1"], "missing.dt1"),
         (["--trajectory", "missing.csv"], "missing.csv"),
         (["--altitude-offset-m", "-300"], "above ground"),
@@ -180,6 +182,21 @@ def test_what_does_not_fit_gets_one_line(small, tmp_path, root, arguments, messa
     status, error = ended(landing_command.main, *study, *arguments, "--out", tmp_path / "out", "--jobs", "1")
     assert status == 2
     assert message in error and error.count("\n") == 1
+
+
+# the nadir leaves the western cell at 76.3 s, the footprint some seconds before
+WEST = {"trajectory": {"end_s": 76.0}, "terrain": {"files": ["flat_n41w089.dt0"]}}
+
+
+@pytest.mark.parametrize("way", [["--plan"], ["--out", "run"]])
+def test_a_footprint_that_leaves_the_terrain_is_one_line_from_the_plan_on(tmp_path, monkeypatch, way):
+    monkeypatch.chdir(tmp_path)
+    Path("west.yaml").write_text(
+        f"{{return: terrain, altitude: {{frames: 1, landing_frames: 40}}, landing: {json.dumps(WEST)}}}"
+    )
+    status, error = ended(ota_eval.main, "--sim", "--scene", "west.yaml", "--methods", "none", *way)
+    assert_refused(status, error)
+    assert "terrain does not cover 41.9" in error and not Path("run").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
 """SigMF capture and replay: to the bit what was live, gaps included; foreign recordings; files that do not fit."""
 
+import codecs
 import csv
 import hashlib
 import json
 import os
+import re
 import tarfile
 from pathlib import Path
 
@@ -240,19 +242,71 @@ def test_headers_before_captures_are_no_samples(tmp_path):
     assert emitter.load(7.5e6).size == 15000
 
 
-def test_an_archive_is_read_where_it_lies(tmp_path):
-    samples = sweeps(2)
-    path = write_foreign(tmp_path, samples, 7.5e6, "ci16_le")
-    sigmf.sigmffile.fromfile(str(path)).archive(str(tmp_path / "flight.sigmf"))
-    plain, packed = (
-        np.concatenate([b for _, b in open_capture(p).blocks(7.5e6)])
-        for p in (path, tmp_path / "flight.sigmf")
-    )
-    assert np.array_equal(plain, packed)
-    with tarfile.open(tmp_path / "empty.sigmf", "w"):
-        pass
-    with pytest.raises(RecordingError, match="0 .sigmf-meta and 0 .sigmf-data are in it"):
+@pytest.mark.parametrize("ending", ["sigmf", "sigmf.gz", "sigmf.xz", "sigmf.zip"])
+def test_an_archive_holds_the_same_samples(tmp_path, ending):
+    path = write_foreign(tmp_path, sweeps(2), 7.5e6, "ci16_le")
+    packed = tmp_path / f"flight.{ending}"
+    sigmf.sigmffile.fromfile(str(path)).tofile(str(packed))
+    (first,), (second,) = ([b for _, b in open_capture(p).blocks(7.5e6)] for p in (path, packed))
+    assert np.array_equal(first, second)
+    packed.write_bytes(packed.read_bytes()[:-40_000])
+    with pytest.raises(RecordingError, match=f"flight.{ending}: [^\n]+ truncated or another"):
+        open_capture(packed)
+
+
+def test_an_archive_of_a_mac_is_read_and_one_without_a_recording_is_not(tmp_path):
+    path = write_foreign(tmp_path, sweeps(1), 7.5e6, "cf32_le")
+    for name, count in (("mac.sigmf", 1), ("empty.sigmf", 0)):
+        with tarfile.open(tmp_path / name, "w") as archive:
+            for file in [path, path.with_suffix(".sigmf-data")] * count:
+                archive.add(file, f"./._{file.name}")
+                archive.add(file, f"./{file.name}")
+    assert open_capture(tmp_path / "mac.sigmf").sample_count == 7500
+    with pytest.raises(RecordingError, match=r"0 .sigmf-meta and 0 .sigmf-data are in it"):
         open_capture(tmp_path / "empty.sigmf")
+
+
+AS_OTHERS_WRITE = {  # global, annotations
+    "a digest in upper case": lambda head, notes: head.update({"core:sha512": head["core:sha512"].upper()}),
+    "extensions as an object": lambda head, notes: head.update({"core:extensions": {"antenna": "optional"}}),
+    "no author": lambda head, notes: head.update({"core:author": None}),
+    "unsorted annotations": lambda head, notes: notes.extend(
+        {"core:sample_start": start, "core:sample_count": 1} for start in (5000, 10)
+    ),
+    "an annotation past the end": lambda head, notes: notes.append({"core:sample_start": 7501}),
+}
+
+
+@pytest.mark.parametrize("how", AS_OTHERS_WRITE)
+@pytest.mark.parametrize("mark", [b"", codecs.BOM_UTF8])
+def test_what_other_programs_write_is_read(tmp_path, how, mark):
+    path = write_foreign(tmp_path, sweeps(1), 7.5e6, "cf32_le")
+    rewritten(path, lambda meta: AS_OTHERS_WRITE[how](meta["global"], meta["annotations"]))
+    path.write_bytes(mark + path.read_bytes())
+    capture = open_capture(path)
+    assert capture.sample_count == 7500
+    assert [note.partition(": ")[2] for note in capture.notes] == (
+        ["annotations go on behind the last sample; are the data whole?"] if "past" in how else []
+    )
+
+
+@pytest.mark.parametrize(
+    ("part", "entry", "line"),
+    [
+        ("global", {"core:author": 5}, "global: core:author: 5 is not of type 'string'"),
+        (
+            "annotations",
+            [{"core:sample_start": "a"}],
+            "annotations: 0: core:sample_start: 'a' is not of type",
+        ),
+        ("captures", [{"core:sample_start": -1}], "captures: 0: core:sample_start: -1 is less than"),
+    ],
+)
+def test_metadata_that_are_wrong_are_refused_by_key(tmp_path, part, entry, line):
+    path = write_foreign(tmp_path, sweeps(1), 7.5e6, "cf32_le")
+    rewritten(path, lambda meta: meta.update({part: meta[part] | entry if part == "global" else entry}))
+    with pytest.raises(RecordingError, match=re.escape(f"foreign.sigmf-meta: {line}")):
+        open_capture(path)
 
 
 @pytest.mark.parametrize(

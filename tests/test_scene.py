@@ -1,5 +1,6 @@
 """Scenes: wrong ones get one line with file, key, value and what is allowed; right ones survive a round trip."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -81,9 +82,10 @@ def test_numbers_may_be_written_as_people_write_them(text):
 
 # (YAML, key, value, what is allowed): all three have to be in the one line
 WRONG = [
-    ("wavefrom: {}", "'wavefrom'", "did you mean 'waveform'", "allowed: altimeter"),
+    ("wavefrom: {}", "'wavefrom'", "did you mean 'waveform'", "allowed: waveform, "),
+    ("return_model: terrain", "'return_model'", "did you mean 'return'", "allowed: return, "),
     ("waveform: {bandwidth_mhz: 7.5}", "'waveform.bandwidth_mhz'", "did you mean 'bandwidth_hz'", "allowed:"),
-    ("methods: [whitenning]", "'whitenning'", "did you mean 'whitening'", "allowed: none"),
+    ("methods: [whitenning]", "'whitenning'", "did you mean 'whitening'", "allowed: whitening, "),
     ("waveform: {rate_hz: -7500000.0}", "waveform.rate_hz", "-7500000.0", "above 0"),
     ("waveform: {rate_hz: 7.5 MHz}", "waveform.rate_hz", "'7.5 MHz'", "expected a number, in the unit"),
     ("waveform: {rate_hz: true}", "waveform.rate_hz", "True", "expected a number"),
@@ -97,8 +99,19 @@ WRONG = [
     ("altitude: {programme_m: [100, high]}", "altitude.programme_m[1]", "'high'", "expected a number"),
     ("{altimeter: {max_altitude_m: 1500}, altitude: {programme_m: [2000]}}", "programme_m", "2000", "raise"),
     ("altitude: {vertical_speed_m_per_s: 5}", "altitude.vertical_speed_m_per_s", "5", "mode: true_delay"),
-    ("interference: {qpsk: {sir: 3}}", "'interference.qpsk.sir'", "unknown key", "allowed:"),
-    ("interference: {laser: {}}", "'interference.laser'", "laser", "qpsk, qpsk_received, recording, tones"),
+    (
+        "interference: {qpsk: {sir_bd: 3}}",
+        "'interference.qpsk.sir_bd'",
+        "'sir_db'? allowed: sir_db, ",
+        "overlap",
+    ),
+    (
+        "interference: {qpsk: {fadng: 3}}",
+        "'interference.qpsk.fadng'",
+        "'fading'? allowed: fading, ",
+        "free_running",
+    ),
+    ("interference: {laser: {}}", "'interference.laser'", "laser", "recording, "),
     ("interference: [{qpsk: {}, tones: {}}]", "interference", "'qpsk'", "expected one 'kind: {...}'"),
     ("interference: 7", "interference", "7", "expected a mapping"),
     ("channel: {drops: {count: -1}}", "drops", "-1", "0 or above"),
@@ -125,8 +138,50 @@ def test_wrong_scene_is_one_line_with_file_key_value_and_what_is_allowed(text, k
         load_scene(path)
     line = str(raised.value)
     assert "\n" not in line
-    for part in (str(path), key, value, allowed):
+    for part in (path.name, key, value, allowed):
         assert part in line, line
+
+
+NAMES_FILE = {  # a key of a scene, and a value of it that names a file
+    "interference": [{"recording": {"file": "NAME"}}],
+    "method_options": {"tcae": {"model": "NAME+NAME"}, "custom": {"file": "NAME"}},
+    "segmenter": {"leakage_calibration": "NAME"},
+    "landing": {"folder": "NAME"},
+}
+
+
+@pytest.mark.parametrize("key", NAMES_FILE)
+def test_files_are_sought_beside_the_scene_then_in_the_working_folder(key, tmp_path, monkeypatch):
+    beside, here = tmp_path / "scenes", tmp_path / "here"
+    beside.mkdir(), here.mkdir()
+    monkeypatch.chdir(here)
+    scene = Path("../scenes/mine.yaml")
+    scene.write_text(
+        yaml.safe_dump({key: NAMES_FILE[key]}).replace("NAME", "a.b")
+        + "altitude: {mode: true_delay, programme_m: [9]}"
+    )
+    if key == "segmenter":  # it may be about to be made
+        assert str(load_scene(scene)).count("'a.b'") == 1
+    else:
+        with pytest.raises(
+            SceneError, match=rf"mine.yaml: .*is 'a.b'; it is neither in {beside}, .* nor in {here}"
+        ):
+            load_scene(scene)
+    for folder, path in ((here, "a.b"), (beside, "../scenes/a.b")):
+        (folder / "a.b").touch()
+        assert path in re.split(r"['+]", str(load_scene(scene)))
+
+
+def test_files_of_a_landing_are_sought_beside_the_scene_then_among_the_shipped(tmp_path, monkeypatch):
+    (tmp_path / "mine.yaml").write_text("landing: {}\naltitude: {programme_m: [9]}")
+    shipped = load_scene(tmp_path / "mine.yaml").landing
+    name = shipped.trajectory.file
+    (tmp_path / "mine.yaml").write_text(
+        f"landing: {{trajectory: {{file: {name}}}}}\naltitude: {{programme_m: [9]}}"
+    )
+    assert load_scene(tmp_path / "mine.yaml").landing == shipped
+    (tmp_path / name).touch()
+    assert load_scene(tmp_path / "mine.yaml").landing.files()["trajectory"] == tmp_path / name
 
 
 def test_broken_yaml_names_the_line(tmp_path):

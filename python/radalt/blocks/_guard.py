@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ..core.cores import join_home
 from ..core.mitigation.base import MitigationError
+from ..core.parsing import InputError
 
 WORK_DONE = -1  # GNU Radio's return value of a ``work`` whose stream has ended
 
@@ -66,7 +67,8 @@ def guarded(work: Callable) -> Callable:
         except Exception as error:
             self.error = error
             raised.append(error)
-            if not isinstance(error, MitigationError):  # its message is complete without a traceback
+            # their messages are complete without a traceback
+            if not isinstance(error, (InputError, MitigationError)):
                 traceback.print_exc()
             return WORK_DONE
 

@@ -1,36 +1,51 @@
 """SigMF files of one complex channel by any program (sigmf.org, version 1): validation, and samples by number.
 
-Keys of namespaces other than ``core`` and ``radalt`` are ignored, headers before captures (``core:header_bytes``) are
-skipped, archives are not extracted. The package sigmf is imported when a file is opened.
+Keys of namespaces other than ``core`` and ``radalt``, and keys without a value, are ignored, headers before captures
+(``core:header_bytes``) are skipped, no archive is extracted to a disk. sigmf is imported when a file is opened.
 """
 
+import contextlib
 import hashlib
+import io
 import json
 import re
 import tarfile
 import warnings
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .parsing import LARGEST, InputError, check_file, read_text, shown
+from .parsing import LARGEST, InputError, check_file, read_bytes, shown
 from .paths import remedy
 
+EXTENSIONS = [
+    {"name": "radalt", "version": "1.0.0", "optional": True}
+]  # to the core's keys, as SigMF declares them
 _COMPLEX = re.compile(r"c(f(32|64)|[iu](8|16|32))(?:_le|_be)?")
 _NAMESPACES, _ENDINGS = ("core", "radalt"), (".sigmf-meta", ".sigmf-data")
 _META_BYTES = 64 << 20  # largest metadata, bytes: some 100,000 annotations
 _DATA_BYTES = 1 << 40  # largest data file, bytes: five hours at 7.5 MS/s, complex64
+_ARCHIVES = (".sigmf", ".sigmf.gz", ".sigmf.xz", ".sigmf.zip")
+_UNPACKED_BYTES = 1 << 30  # largest member of a compressed archive, bytes: it is unpacked into memory
 
 
 @dataclass(frozen=True)
 class _Data:
-    """Location of the samples: a data file, or a member of an archive."""
+    """Location of the samples: a data file, a member of an archive, or unpacked."""
 
-    file: Path
+    source: Path | io.BytesIO
     offset: int
     size: int
+
+    def attach(self, recording: Any, skipped: int = 0, trailing: int = 0) -> Any:
+        """Give the bytes behind ``skipped`` to a `sigmf.SigMFFile`, and return it."""
+        name = "data_file" if isinstance(self.source, Path) else "data_buffer"
+        part = {"offset": self.offset + skipped, "size_bytes": max(0, self.size - skipped - trailing)}
+        recording.set_data_file(**{name: self.source}, skip_checksum=True, **part)
+        return recording
 
 
 class SigmfFile:
@@ -47,6 +62,8 @@ class SigmfFile:
     rate_hz : float
     sample_count : int
         Number of samples, headers excluded.
+    notes : list of str
+        What the metadata promise and the data lack, one line each.
     """
 
     def __init__(self, path: Path, content: dict[str, Any], data: _Data, sample_count: int) -> None:
@@ -54,6 +71,7 @@ class SigmfFile:
         self.captures: list[dict[str, Any]] = content["captures"] or [{"core:sample_start": 0}]
         self.datatype = self.head["core:datatype"]
         self.rate_hz = float(self.head["core:sample_rate"])
+        self.notes: list[str] = []
         # (first sample, reader by the file's sample numbers) after each header
         self._readers: list[tuple[int, Any]] = []
         skipped = 0
@@ -66,14 +84,10 @@ class SigmfFile:
     def _reader(self, data: _Data, skipped: int) -> Any:
         import sigmf
 
-        reader = sigmf.SigMFFile(
-            global_info={"core:datatype": self.datatype, "core:sample_rate": self.rate_hz}
-        )
+        reader = sigmf.SigMFFile(global_info={"core:datatype": self.datatype})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # sizes have been checked
-            part = {"offset": data.offset + skipped, "size_bytes": data.size - skipped}
-            reader.set_data_file(str(data.file), skip_checksum=True, **part)
-        return reader
+            return data.attach(reader, skipped)
 
     def read(self, start: int, count: int) -> np.ndarray:
         """(count,) complex64 from sample ``start`` on; integers scaled to -1..1."""
@@ -92,7 +106,7 @@ def open_sigmf(path: Path | str) -> SigmfFile:
     Parameters
     ----------
     path : path
-        ``.sigmf-meta``, ``.sigmf-data`` or an archive ``.sigmf``.
+        ``.sigmf-meta``, ``.sigmf-data``, or an archive ``.sigmf``, ``.sigmf.gz``, ``.sigmf.xz``, ``.sigmf.zip``.
 
     Raises
     ------
@@ -104,33 +118,46 @@ def open_sigmf(path: Path | str) -> SigmfFile:
     except ImportError:
         raise InputError(f"SigMF needs the package sigmf; {remedy('sigmf')}") from None
     path = Path(path)
-    archive = path.suffix == ".sigmf" and path.is_file()
+    archive = path.name.endswith(_ARCHIVES) and path.is_file()
     meta = path if archive else path.with_suffix(".sigmf-meta")
     if not meta.is_file():
         raise InputError(f"{meta}: no such recording; give the .sigmf-meta file")
-    text, data = (
-        _archived(meta) if archive else (read_text(meta, most_bytes=_META_BYTES, what="recording"), None)
-    )
-    content = _check_header(meta, text)
-    data = data or _beside(meta, content["global"].get("core:dataset"))
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # sigmf warns of truncated data, which a replay must not score
+        text, data = (
+            _archived(path) if archive else (read_bytes(meta, most_bytes=_META_BYTES, what="recording"), None)
+        )
+        content = _check_header(meta, json.loads(text))  # bytes: with or without a byte order mark
+        head = content["global"]
+        head["core:extensions"] = EXTENSIONS  # the others are ignored, and some programs write an object
+        data = data or _beside(meta, head.get("core:dataset"))
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", UserWarning)
             recording = sigmf.SigMFFile(metadata=content)
-            other = sum(int(c.get("core:header_bytes", 0)) for c in recording.get_captures())
-            held = max(0, data.size - other - int(content["global"].get("core:trailing_bytes", 0)))
-            recording.set_data_file(str(data.file), skip_checksum=True, offset=data.offset, size_bytes=held)
+            with contextlib.suppress(AttributeError, KeyError, TypeError):  # validate() names what is wrong
+                recording.get_annotations().sort(key=lambda annotation: annotation["core:sample_start"])
             recording.validate()
-        _check_sum(data, content["global"].get("core:sha512"))
-    except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
+            other = sum(int(c.get("core:header_bytes", 0)) for c in recording.get_captures())
+            data.attach(recording, other, int(head.get("core:trailing_bytes", 0)))
+        said = [str(w.message) for w in warned]
+        if torn := [line for line in said if "final annotation" not in line]:
+            raise ValueError(torn[0])  # a replay must not score truncated data
+        _check_sum(data, head.get("core:sha512"))
+    except InputError:
+        raise
+    except Exception as error:  # sigmf, jsonschema, json, archives, OS and NumPy each bring their own kinds
+        key = "".join(f"{part}: " for part in getattr(error, "absolute_path", ()))
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         reason = reason if len(reason) <= 120 else f"{reason[:50]} ... {reason[-60:]}"
         raise InputError(
-            f"{meta}: {reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
+            f"{meta}: {key}{reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
         ) from None
     if recording.sample_count == 0:
         raise InputError(f"{meta}: the data file holds no samples")
-    return SigmfFile(meta, content, data, int(recording.sample_count))
+    opened = SigmfFile(meta, content, data, int(recording.sample_count))
+    if said:
+        opened.notes.append(f"{meta}: annotations go on behind the last sample; are the data whole?")
+    return opened
 
 
 def open_raw(path: Path, datatype: str, rate_hz: float) -> SigmfFile:
@@ -142,7 +169,7 @@ def open_raw(path: Path, datatype: str, rate_hz: float) -> SigmfFile:
         One line.
     """
     content = {"global": {"core:datatype": datatype, "core:sample_rate": rate_hz}, "captures": []}
-    _check_header(path, json.dumps(content))
+    _check_header(path, content)
     size, bits = path.stat().st_size, int(_COMPLEX.fullmatch(datatype)[3] or _COMPLEX.fullmatch(datatype)[2])
     return SigmfFile(path, content, _Data(path, 0, size), size // (bits // 4))
 
@@ -158,51 +185,55 @@ def _beside(meta: Path, named: Any) -> _Data:
     return _Data(data, 0, data.stat().st_size)
 
 
-def _archived(path: Path) -> tuple[str, _Data]:
-    """Metadata and place of the data in an archive of one recording; nothing is extracted."""
-    try:
-        with tarfile.open(path, "r:") as tar:
-            meta, data = ([m for m in tar if m.isfile() and m.name.endswith(ending)] for ending in _ENDINGS)
-            if len(meta) != 1 or len(data) != 1 or meta[0].size > _META_BYTES:
-                raise ValueError(f"{len(meta)} .sigmf-meta and {len(data)} .sigmf-data are in it")
-            text = tar.extractfile(meta[0]).read().decode()
+def _archived(path: Path) -> tuple[bytes, _Data]:
+    """Metadata and samples in an archive of one recording; compressed samples are unpacked into memory."""
+    zipped, plain = path.suffix == ".zip", path.suffix == ".sigmf"
+    with zipfile.ZipFile(path) if zipped else tarfile.open(path, "r:" if plain else "r:*") as archive:
+        found: dict[str, list[Any]] = {ending: [] for ending in _ENDINGS}
+        for member in archive.infolist() if zipped else archive:
+            name, size = (member.filename, member.file_size) if zipped else (member.name, member.size)
+            ending = Path(name).suffix
+            # macOS packs its own notes as ._NAME
+            if ending not in found or Path(name).name.startswith("._") or not (zipped or member.isfile()):
+                continue
+            most = _META_BYTES if ending == ".sigmf-meta" else _DATA_BYTES if plain else _UNPACKED_BYTES
+            if size > most:
+                raise ValueError(f"{shown(name)} has {size >> 20} MiB, at most {most >> 20} are unpacked")
+            found[ending].append(member)
+        meta, data = found.values()
+        if len(meta) != 1 or len(data) != 1:
+            raise ValueError(f"{len(meta)} .sigmf-meta and {len(data)} .sigmf-data are in it")
+        opened = archive.open if zipped else archive.extractfile
+        text = opened(meta[0]).read()
+        if plain and not data[0].issparse():
             return text, _Data(path, data[0].offset_data, data[0].size)
-    except (tarfile.TarError, ValueError, OSError) as error:
-        raise InputError(
-            f"{path}: no archive of one recording ({str(error)[:100]}); extract it and name its .sigmf-meta"
-        ) from None
+        samples = io.BytesIO(opened(data[0]).read())
+        return text, _Data(samples, 0, samples.getbuffer().nbytes)
 
 
-def _check_sum(data: _Data, stated: Any) -> None:
+def _check_sum(data: _Data, stated: str | None) -> None:
     """Compare the samples with ``core:sha512``, where it is stated."""
     if stated is None:
         return
-    digest = hashlib.sha512()
-    with data.file.open("rb") as file:
-        file.seek(data.offset)
-        left = data.size
-        while left > 0 and (block := file.read(min(1 << 20, left))):
-            digest.update(block)
-            left -= len(block)
-    if digest.hexdigest() != stated:
+    if isinstance(data.source, Path):
+        content = np.memmap(data.source, np.uint8, "r", data.offset, (data.size,))
+    else:
+        content = data.source.getbuffer()
+    if hashlib.sha512(content).hexdigest() != stated.lower():
         raise ValueError("core:sha512 is another one")
 
 
 def _known_keys(value: Any) -> Any:
-    """Metadata without the keys of other programs' namespaces."""
+    """Metadata without the keys of other programs' namespaces and without null."""
     if isinstance(value, dict):
-        return {
-            k: _known_keys(v) for k, v in value.items() if k.partition(":")[0] in _NAMESPACES or ":" not in k
-        }
+        known = {k: v for k, v in value.items() if k.partition(":")[0] in _NAMESPACES or ":" not in k}
+        return {k: _known_keys(v) for k, v in known.items() if v is not None}
     return [_known_keys(v) for v in value] if isinstance(value, list) else value
 
 
-def _check_header(meta: Path, text: str) -> dict[str, Any]:
+def _check_header(meta: Path, content: Any) -> dict[str, Any]:
     """Metadata with the keys that a replay needs; the messages name the file's keys, unlike sigmf's."""
-    try:
-        data = _known_keys(json.loads(text))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{meta}: not readable as JSON ({str(error)[:100]})") from None
+    data = _known_keys(content)
     head = data.get("global") if isinstance(data, dict) else None
     if not isinstance(head, dict):
         raise InputError(f"{meta}: not SigMF metadata, an object 'global' is missing")

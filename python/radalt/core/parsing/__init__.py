@@ -6,19 +6,19 @@
 """
 
 from .files import check_file, load_yaml, read_bytes, read_text
-from .mappings import LARGEST, arguments, build, convert, listed, plain, quantity, whole
-from .messages import InputError, check_range, did_you_mean, shown
+from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
+from .messages import InputError, allowed, check_range, did_you_mean, shown
 
 __all__ = [
     "LARGEST",
     "InputError",
+    "allowed",
     "arguments",
     "build",
     "check_file",
     "check_range",
     "convert",
     "did_you_mean",
-    "listed",
     "load_yaml",
     "plain",
     "quantity",

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .messages import CONTROL, did_you_mean, shown
+from .messages import CONTROL, allowed, shown
 
 LARGEST = 1e12  # largest magnitude of a quantity in any unit: its square stays finite in float32
 # largest magnitude by the unit in which a name ends; wider than any use, and powers of ten, squares and tables of it
@@ -48,7 +48,13 @@ def whole(value: Any, where: str, low: int, high: int, remedy: str = "") -> int:
 
 
 def build(
-    cls: type, data: Any, where: str, special: dict[str, Callable[[Any, str], Any]] | None = None
+    cls: type,
+    data: Any,
+    where: str,
+    special: dict[str, Callable[[Any, str], Any]] | None = None,
+    *,
+    renamed: dict[str, str] | None = None,
+    also: Iterable[str] = (),
 ) -> Any:
     """Dataclass from a mapping: keys and types are checked here, ranges by its ``__post_init__``.
 
@@ -62,6 +68,10 @@ def build(
         Dotted path of the mapping, for messages; empty for the whole file.
     special : dict, optional
         Converters ``(value, path) -> field value`` for fields that the annotation does not describe.
+    renamed : dict, optional
+        Keys of fields that have another name in files.
+    also : iterable of str
+        Keys that are allowed there and that the caller has taken out, for messages.
 
     Raises
     ------
@@ -71,18 +81,18 @@ def build(
     if not isinstance(data, dict):
         raise ValueError(f"{where or 'the scene'} is {data!r}; expected a mapping of keys")
     hints = _hints(cls)
-    fields = {f.name for f in dataclasses.fields(cls) if f.init}
+    fields = {(renamed or {}).get(f.name, f.name): f.name for f in dataclasses.fields(cls) if f.init}
     values = {}
     for key, value in data.items():
         if key not in fields:
             name = shown(key).strip("'")
             path = f"{where}.{name}" if where else name
-            raise ValueError(
-                f"unknown key {path!r}; {did_you_mean(name, fields)}allowed: {listed(sorted(fields))}"
-            )
-        path = f"{where}.{key}" if where else key
-        convert_field = (special or {}).get(key)
-        values[key] = convert_field(value, path) if convert_field else convert(hints.get(key), value, path)
+            raise ValueError(f"unknown key {path!r}; {allowed(name, sorted({*fields, *also}))}")
+        path, field = f"{where}.{key}" if where else key, fields[key]
+        convert_field = (special or {}).get(field)
+        values[field] = (
+            convert_field(value, path) if convert_field else convert(hints.get(field), value, path)
+        )
     try:
         return cls(**values)
     except TypeError as error:
@@ -90,12 +100,6 @@ def build(
     except ValueError as error:
         text = str(error)
         raise ValueError(text if not where or where.split(".")[-1] in text else f"{where}: {text}") from None
-
-
-def listed(names: Iterable[str]) -> str:
-    """Names with commas, as many as fit a line."""
-    text = ", ".join(names)
-    return text if len(text) <= 140 else text[:140].rpartition(",")[0] + ", ..."
 
 
 def convert(hint: Any, value: Any, where: str) -> Any:
@@ -215,9 +219,7 @@ def arguments(method: type, given: dict[str, Any], where: str) -> dict[str, Any]
     hints = _hints(method.__init__)
     for key in given:
         if key not in known and not any(p.kind is p.VAR_KEYWORD for p in parameters):
-            raise ValueError(
-                f"{where}.{key} is unknown; {did_you_mean(key, known)}allowed: {listed(known) or 'nothing'}"
-            )
+            raise ValueError(f"{where}.{key} is unknown; {allowed(key, known)}")
     return {
         key: convert(hints[key], value, f"{where}.{key}")
         if key in hints and not isinstance(value, Path)

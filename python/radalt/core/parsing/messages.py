@@ -34,6 +34,13 @@ def did_you_mean(name: Any, known: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}? " if close else ""
 
 
+def allowed(name: Any, known: Iterable[str]) -> str:
+    """A sentence with all known names, near ones first, and with the one that was probably meant."""
+    known = list(known)
+    near = difflib.get_close_matches(shown(name).strip("'"), known, max(1, len(known)))
+    return f"{did_you_mean(name, known)}allowed: {', '.join(dict.fromkeys([*near, *known])) or 'nothing'}"
+
+
 def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:
     """Check attributes of ``owner`` against their (lowest, highest), both allowed; None is no value and passes.
 

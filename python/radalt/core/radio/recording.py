@@ -17,7 +17,7 @@ import numpy as np
 
 from ..parsing import InputError, shown
 from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
-from ..sigmf_file import SigmfFile, open_sigmf
+from ..sigmf_file import EXTENSIONS, SigmfFile, open_sigmf
 
 _BLOCK = 1 << 18  # samples per read: 2 MB
 _MAX_TERM = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
@@ -85,7 +85,7 @@ def write_metadata(
             "core:version": "1.2.0",
             "core:description": f"{scene.name}: received IQ of an FMCW radar altimeter under interference",
             "core:recorder": recorder,
-            "core:extensions": [{"name": "radalt", "version": "1.0.0", "optional": True}],
+            "core:extensions": EXTENSIONS,
             "radalt:scene": scene_to_mapping(scene),
             "radalt:latency_samples": float(latency_samples),
             **{f"radalt:{key}": float(value) for key, value in (radio or {}).items()},
@@ -156,7 +156,7 @@ class Capture:
         self.path, self.rate_hz, self.datatype = file.path, file.rate_hz, file.datatype
         self.scene, self.radio = scene, radio
         self.sample_count = file.sample_count
-        self.notes: list[str] = []
+        self.notes: list[str] = [*file.notes]
         self._file = file
         self.stretches = self._find_stretches(file.captures)
 
@@ -293,8 +293,7 @@ def open_capture(path: Path | str) -> Capture:
     Parameters
     ----------
     path : path
-        ``.sigmf-meta`` (or ``.sigmf-data``, or an archive ``.sigmf``) of a complex recording with one channel, any
-        SigMF sample format. Keys of namespaces other than ``core`` and ``radalt`` are ignored.
+        As in `open_sigmf`: a complex recording with one channel, any SigMF sample format.
 
     Raises
     ------

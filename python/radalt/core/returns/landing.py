@@ -128,7 +128,7 @@ class LandingSpec:
     trajectory, terrain, antenna, ground, link
         See their classes.
     folder : str
-        Folder of relative file names; empty for the shipped ``flowgraphs/landing``.
+        Folder of the files. If empty, each is sought in ``flowgraphs/landing``, the shipped one, too.
 
     Examples
     --------

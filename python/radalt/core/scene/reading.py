@@ -4,6 +4,8 @@ A wrong key, unit, range or type gives one line that names file, key, value and 
 """
 
 import dataclasses
+import os
+import re
 import typing
 from pathlib import Path
 from typing import Any
@@ -12,13 +14,20 @@ from ..interference.effects import KEYS as EFFECTS
 from ..interference.effects import impaired, parts
 from ..interference.emitters import NamedEmitter, emitter_class, emitter_names
 from ..interference.placement import Interferer
-from ..parsing import InputError, build, convert, did_you_mean, load_yaml, plain, shown
-from ..paths import scene_names, scene_path
+from ..parsing import InputError, allowed, build, convert, did_you_mean, load_yaml, plain, shown
+from ..paths import scene_names, scene_path, share_dir
 from ..receiver.altimeter_settings import pfa_is_per_frame
 from ..text import one_line
 from .scene import Scene
 
 _MOST_SIR_DB = 200.0  # largest magnitude of an SIR, dB: the bound of every quantity in decibels
+# keys that name files, with the folder of shipped ones; None: there is none, and it has to be at hand
+_FILES = {
+    r"interference(\.\d+)?\.recording\.file|method_options\.[^.]+\.(model|file)|landing\.folder": None,
+    r"landing\.(trajectory\.file|terrain\.files\.\d+|antenna\.pattern)": "landing",
+    r"segmenter\.leakage_calibration": "calibrations",
+}
+_RENAMED = {"return_model": "return"}  # a keyword of Python
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")
 
 
@@ -28,6 +37,8 @@ class SceneError(ValueError):
 
 def load_scene(name: str | Path) -> Scene:
     """Read and validate a scene by path, or by the name of a shipped one.
+
+    Relative names of files in it are sought beside the scene, then in the working folder.
 
     Raises
     ------
@@ -45,16 +56,42 @@ def load_scene(name: str | Path) -> Scene:
         raise SceneError(
             f"scene {shown(str(name))}: {reason}; give a YAML file or a shipped scene's name"
         ) from None
-    return parse_scene(data if data is not None else {}, source=str(path))
+    return parse_scene(data if data is not None else {}, source=str(path), folder=path.parent)
 
 
-def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
-    """A validated `Scene` from nested mappings as YAML gives them."""
-    if isinstance(data, dict) and "return" in data:  # a keyword of Python
-        data = {("return_model" if key == "return" else key): value for key, value in data.items()}
+def _located(value: Any, folder: Path, where: str) -> Any:
+    """Part of a scene with the files of ``folder`` by their paths; raises ValueError for one that is nowhere."""
+    if isinstance(value, dict):
+        own = where == "landing" and value.get("folder")  # of which the other names are parts
+        return {
+            key: part if own and key != "folder" else _located(part, folder, f"{where}.{key}".lstrip("."))
+            for key, part in value.items()
+        }
+    if isinstance(value, list):
+        return [_located(part, folder, f"{where}.{number}") for number, part in enumerate(value)]
+    kind = next((kind for keys, kind in _FILES.items() if re.fullmatch(keys, where)), "")
+    if kind == "" or not isinstance(value, str) or not value:
+        return value
+    if "+" in value and not os.path.exists(folder / value):  # a network's encoder and decoder
+        return "+".join(_located(part, folder, where) for part in value.split("+"))
+    at = next((place / value for place in (folder, Path()) if os.path.exists(place / value)), None)
+    if at is not None:
+        return str(at.absolute() if kind == "landing" else at)
+    shipped = share_dir() / "flowgraphs"
+    known = kind and os.path.exists(shipped / kind / value)
+    if known or kind == "calibrations" or folder.resolve() == shipped / "scenes":
+        return value
+    raise ValueError(
+        f"{where} is {shown(value)}; it is neither in {folder.resolve()}, beside the scene, nor in {Path.cwd()}"
+    )
+
+
+def parse_scene(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> Scene:
+    """A validated `Scene` from nested mappings as YAML gives them; files are sought in ``folder`` first."""
     try:
+        data = data if folder is None else _located(data, folder, "")
         data, pfa = without_pfa(data)
-        scene: Scene = build(Scene, data, "", {"interference": interference_from_yaml})
+        scene: Scene = build(Scene, data, "", {"interference": interference_from_yaml}, renamed=_RENAMED)
         if pfa is not None:
             raise ValueError(pfa_is_per_frame(pfa, scene.waveform, scene.altimeter_settings))
         if scene.landing is not None and "programme_m" not in (data.get("altitude") or {}):
@@ -99,14 +136,15 @@ def _interferer(item: Any, where: str) -> Interferer:
     kind, params = next(iter(item.items()))
     path = f"{where}.{kind}"
     if kind not in emitter_names():
-        raise ValueError(f"unknown interferer {shown(path)}; allowed: {', '.join(emitter_names())}")
+        raise ValueError(f"unknown interferer {shown(path)}; {allowed(kind, emitter_names())}")
     params = {} if params is None else params
     if not isinstance(params, dict):
         raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
-    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, *EFFECTS)}
-    emitter = impaired(build(emitter_class(kind), own, path), params, path)
+    others = (*_PLACEMENT, *EFFECTS)
+    own = {k: v for k, v in params.items() if k not in others}
+    emitter = impaired(build(emitter_class(kind), own, path, also=others), params, path)
     stated_db = typing.cast(NamedEmitter, emitter).stated_sir_db
     if "sir_db" not in placement and stated_db is not None:
         placement["sir_db"] = stated_db
@@ -154,7 +192,7 @@ def scene_from_parameters(
 def scene_to_mapping(scene: Scene) -> dict[str, Any]:
     """A scene as plain mappings, lists and numbers; the inverse of `parse_scene`."""
     mapping = {f.name: plain(getattr(scene, f.name)) for f in dataclasses.fields(scene)}
-    mapping["return"] = mapping.pop("return_model")
+    mapping |= {key: mapping.pop(name) for name, key in _RENAMED.items()}
     mapping["interference"] = [interferer_to_mapping(i) for i in scene.interference]
     return mapping
 

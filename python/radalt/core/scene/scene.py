@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ..channel.auxiliary import AuxiliarySettings
 from ..channel.settings import ChannelSettings
 from ..interference.placement import Interferer
-from ..parsing import did_you_mean, listed, shown
+from ..parsing import allowed, shown
 from ..receiver.altimeter import AltimeterSettings
 from ..receiver.auxiliary_cancel import CancelSettings
 from ..receiver.leakage import FITTED_ABOVE_M
@@ -158,10 +158,7 @@ class Scene:
         for key in ("methods", "method_options"):
             unknown = [m for m in getattr(self, key) if m not in known]
             if unknown:
-                near = did_you_mean(unknown[0], known)
-                allowed = listed(known) if near else ", ".join(known)
-                raise ValueError(f"{key} names {shown(unknown[0])}; {near}allowed: {allowed}")
-
+                raise ValueError(f"{key} names {shown(unknown[0])}; {allowed(unknown[0], known)}")
         for name, options in self.method_options.items():
             if options is not None and not isinstance(options, dict):
                 raise ValueError(

@@ -64,6 +64,8 @@ def check_scene(scene: Scene) -> None:
             interferer.emitter.samples(scene.waveform.samples_per_frame, scene.waveform.rate_hz, rng)
         leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform)
         sweep_points(scene)
+        if scene.landing is not None and scene.return_model == "terrain":
+            scene.landing.profile(scene.waveform, scene.altitude.landing_frames, scene.seed).check()
     except ValueError as error:
         raise SceneError(f"scene {scene.name}: {error}") from None
     check_methods(scene)

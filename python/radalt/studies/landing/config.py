@@ -16,7 +16,6 @@ from ...core.receiver.altimeter_settings import pfa_is_per_frame
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (
-    MIN_HEIGHT_M,
     AircraftState,
     TerrainError,
     TerrainReturn,
@@ -189,21 +188,18 @@ def check_config(config: LandingConfig) -> None:
         )
     rng, samples = np.random.default_rng(0), config.waveform.samples_per_frame
     try:
-        config.radar()
+        radar = config.radar()
         interference_frames(config.interference, 1, samples, config.waveform.rate_hz, rng)
     except TerrainError:
         raise
     except ValueError as error:
         raise StudyError(str(error)) from None
-    states = config.states(np.linspace(*config.window_s(), 400))
+    states = config.states(np.linspace(*config.window_s(), 64))
+    for state in states:
+        radar.facets(state)
     lat, lon, altitude = np.array([(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in states]).T
     height = altitude - config.spec.ground_model().height_m(lat, lon)
-    low, high = int(np.argmin(height)), int(np.argmax(height))
-    if height[low] < MIN_HEIGHT_M:
-        raise TerrainError(
-            f"aircraft at t = {states[low].time_s:g} s is {height[low]:.1f} m above ground; at least "
-            f"{MIN_HEIGHT_M} m is needed: check datum, trajectory.altitude_offset_m and end_s"
-        )
+    high = int(np.argmax(height))
     top = config.altimeter.resolved(config.waveform).max_altitude_m
     if height[high] > top:
         raise StudyError(

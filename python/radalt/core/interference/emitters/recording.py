@@ -32,7 +32,7 @@ class RecordingEmitter(NamedEmitter):
     Parameters
     ----------
     file : str
-        A ``.sigmf-meta`` of one complex channel, or raw samples if ``rate_hz`` and ``datatype`` are given.
+        A ``.sigmf-meta`` or archive of one complex channel, or raw samples if ``rate_hz`` and ``datatype`` are given.
     offset_hz : float
         Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
         over ``seconds``.
@@ -89,11 +89,11 @@ class RecordingEmitter(NamedEmitter):
         """Origin and licence by the metadata, and the noise of the recording (`prefix_snr_db`)."""
         name = Path(self.file).name
         try:
-            head = _open(self).head
+            opened = _open(self)
             snr_db = prefix_snr_db(self.load(rate_hz), rate_hz)
         except ValueError:  # `samples` raises it
             return ()
-        said = ((word, head.get(f"core:{word}")) for word in ("license", "author", "description"))
+        said = ((word, opened.head.get(f"core:{word}")) for word in ("license", "author", "description"))
         if snr_db is None:
             noise = f"{name}: no OFDM found, so its noise is not known"
         elif snr_db == MOST_DB:
@@ -105,7 +105,7 @@ class RecordingEmitter(NamedEmitter):
                 f"{name}: OFDM {snr_db:.1f} dB above the recording's noise (coherence of its prefix); "
                 f"demodulation gains at most {10 * np.log10(1 + 10 ** (snr_db / 10)):.1f} dB"
             )
-        return (*(f"{name}: {word} {shown(text)}" for word, text in said if text), noise)
+        return (*opened.notes, *(f"{name}: {word} {shown(text)}" for word, text in said if text), noise)
 
     def load(self, rate_hz: float) -> np.ndarray:
         """The part in use behind the receiver's filter, at ``rate_hz``: (n,) complex128, mean power 1, read-only."""

@@ -64,6 +64,11 @@ class LandingProfile:
         east, north, up = np.array([s.velocity_m_per_s for s in self.states]).T
         return up - east * slope_e - north * slope_n
 
+    def check(self) -> None:
+        """Form the ground's facets at up to 64 instants; raises `TerrainError` as `TerrainReturn` does."""
+        for index in np.unique(np.linspace(0, self.frames - 1, 64).astype(int)):
+            self.radar.facets(self.states[index])
+
     def ground_return(self, index: int) -> GroundReturn:
         """Echo and truth of a frame, in watts."""
         return self.radar(self.states[index], frame_index=index)

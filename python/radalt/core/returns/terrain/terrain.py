@@ -15,7 +15,7 @@ VOID_M = -32767  # elevation that marks a post without data (MIL-PRF-89020B, 3.1
 _MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
 
 
-class TerrainError(ValueError):
+class TerrainError(InputError):
     """Terrain is missing, void, not readable, or above the aircraft; the message is one line."""
 
 

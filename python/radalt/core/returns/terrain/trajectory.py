@@ -29,7 +29,7 @@ COLUMNS = {
 }
 
 
-class TrajectoryError(ValueError):
+class TrajectoryError(InputError):
     """A trajectory file or a query into it does not make sense; the message is one line."""
 
 
