@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-CEILINGS = {"python": 45064, "tests": 21759, "training tools": 7467}
+CEILINGS = {"python": 45089, "tests": 21792, "training tools": 7467}
 TARGETS = {"python": 38000, "tests": 18500, "training tools": 6500}
 
 

@@ -152,6 +152,9 @@ class SweepSpec:
         for value in self.overlap:
             if not 0 <= value <= 1:
                 raise ValueError(f"sweep.overlap holds {value:g}; overlaps have to be within 0..1")
+        for value in self.sir_db:
+            if value > 20:  # no effect on any altitude
+                raise ValueError(f"sweep.sir_db holds {value:g}; at most 20: did you mean {-value:g}?")
 
 
 @dataclass(frozen=True)
