@@ -4,11 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from gnuradio import radalt as gr_radalt
+from test_blocks import Collect, run
 
 import radalt
 from radalt.core.receiver.auxiliary_samples import AuxiliarySamples
 from radalt.core.scene import SceneError, parse_scene
 from radalt.core.scene.build import segmenter_of
+from radalt.evaluation.flowgraph.generate import generate, prepare, shipped
+from radalt.evaluation.flowgraph.rewrite import prune, with_second_channel
+from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.simulation import both_received, run_chain
 
 W = radalt.Waveform()
@@ -209,3 +214,41 @@ def test_what_does_not_fit_gets_one_line(changes, line):
 def test_a_scene_with_one_channel_has_no_second():
     with pytest.raises(SceneError, match="one receive channel"):
         radalt.simulate("clear", frames=2, auxiliary=True)
+
+
+def test_the_flowgraph_gives_the_rows_of_the_direct_path(tmp_path):
+    """To the bit, across lost samples: the segmenter cuts both inputs by one counter, `auxiliary_cancel` cleans."""
+    scene = two_channels(frames=40, channel={"drops": {"count": 1}})
+    methods = ("none", "whitening")
+    played, direct = run_point(prepare(scene, methods, tmp_path), scene), run_chain(scene, methods)
+    for method in methods:
+        for field in ("frame_index", "valid", "altitude_m", "forced_altitude_m"):
+            np.testing.assert_array_equal(played.results[method][field], direct.results[method][field])
+    assert played.results["none"]["valid"].mean() > 0.9
+
+
+def test_flowgraphs_have_one_jammer_and_the_channels_that_the_scene_has(tmp_path):
+    radios = generate(with_second_channel(prune(shipped(), ("none",), True)), tmp_path).read_text()
+    assert "channels=[0, 1]" in radios.replace("list(range(0,2))", "[0, 1]") and '"A:A A:B"' in radios
+    with pytest.raises(ValueError, match="one receive channel"):
+        gr_radalt.simulated_channel(radalt.load_scene("clear"), auxiliary=True)
+    two = parse_scene(
+        {"interference": [{"tones": {}}, {"qpsk": {}}], "auxiliary": {"directions": [{}, {"gain_db": 0.0}]}}
+    )
+    with pytest.raises(ValueError, match="jammer has one antenna"):
+        gr_radalt.simulated_channel(two, auxiliary=True)
+
+
+def test_the_block_hands_on_tags_with_the_quality_of_what_is_left():
+    scene = two_channels(frames=12)
+    segmenter = gr_radalt.frame_segmenter(scene, auxiliary=True)
+    channel, jammer = (
+        gr_radalt.simulated_channel(scene, auxiliary=True),
+        gr_radalt.mixture_jammer_source(scene, frames=23),
+    )
+    cancel, sink = gr_radalt.auxiliary_cancel(scene), Collect(W.samples_per_frame)
+    second = [((jammer, 0), (channel, 1)), ((channel, 1), (segmenter, 1)), ((segmenter, 1), (cancel, 1))]
+    run(gr_radalt.fmcw_chirp_source(scene, frames=23), channel, segmenter, cancel, sink, wires=tuple(second))
+    assert cancel.status()["cancelled"] == 12
+    peaks = np.abs(sink.data.view(np.float32)).max(axis=1)
+    np.testing.assert_allclose([value[4] for _, _, value in sink.tags], peaks, rtol=1e-6)

@@ -5,6 +5,7 @@ The flowgraph's blocks are adapters over these objects (`core.scene.build`), so 
 
 import contextlib
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -98,6 +99,8 @@ def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
         if second is not None:
             kept.push(second)
         yield frames + cleaned(segmenter.push(samples, lend=True))
+    if canceller is not None and canceller.status()["off"]:
+        warnings.warn(f"scene {scene.name}, second channel: {canceller.status()['off']}", stacklevel=2)
 
 
 def found_latency(scene: Scene) -> float:
