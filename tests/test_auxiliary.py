@@ -203,7 +203,7 @@ def test_directions_add_up_to_the_sir_and_each_has_its_own_gain():
         ({"auxiliary": {"directions": []}}, "auxiliary.directions is empty"),
         ({"auxiliary": {}, "channel": {"adc_bits": 12}}, "convert twice; set one of them to 0"),
         ({"auxiliary_cancel": {"isolation_db": 3.0}}, r"isolation_db is 3; it has to be within 10\.\.60"),
-        ({"auxiliary": {}, "auxiliary_cancel": {"order": 3, "reach_s": 9e-6}}, "is enough for 468"),
+        ({"auxiliary_cancel": {"reach_s": 9e-6}}, r"reach_s is 9e-06; it has to be within 0\.\.2e-06"),
     ],
 )
 def test_what_does_not_fit_gets_one_line(changes, line):

@@ -34,8 +34,7 @@ class Direction:
     doppler_hz : float
         Frequency difference of the second channel against the first, -1e4..1e4.
     echo_db : float or None
-        Power of a second path over the first, in both channels, with a phase of its own in each; None for no second
-        path.
+        Power of a second path over the first, in both channels, each with its own phase; None for no second path.
     echo_s : float
         Delay of the second path, 0..1e-5.
     echo_doppler_hz : float

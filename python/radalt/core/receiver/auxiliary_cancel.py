@@ -15,7 +15,6 @@ from .altimeter_settings import FASTEST_M_PER_S
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
-_FEWEST = 16  # fewest samples per weight: they take 1/16 of what else is received, and 1/16 of the return
 _STANDS_OUT = (
     30.0  # power of a return's line over the median cell: noise in a span reaches it once in 1e6 frames
 )
@@ -37,7 +36,7 @@ class CancelSettings:
         How much weaker the second antenna receives the return, at least, 10..60. The least of it and of what is
         measured holds.
     reach_s : float
-        Delays covered, plus and minus, 0..1e-5: path differences of an interferer and differences of the front ends.
+        Delays covered, plus and minus, 0..2e-6: path differences of an interferer and differences of the front ends.
     order : int
         Polynomial in time that weights follow within a frame, 0..3: 0 for antennas at rest.
     conjugate : bool
@@ -56,19 +55,8 @@ class CancelSettings:
     least_db: float = 0.5
 
     def __post_init__(self) -> None:
-        limits = {"isolation_db": (LEAST_ISOLATION_DB, 60.0), "reach_s": (0.0, 1e-5), "order": (0, 3)}
+        limits = {"isolation_db": (LEAST_ISOLATION_DB, 60.0), "reach_s": (0.0, 2e-6), "order": (0, 3)}
         check_range("auxiliary_cancel", self, loading_db=(-120.0, 0.0), least_db=(0.1, 20.0), **limits)
-
-    def weights(self, waveform: Waveform) -> tuple[int, int]:
-        """Largest delay in samples, and number of weights; raises ValueError where a frame has too few samples."""
-        reach = round(self.reach_s * waveform.rate_hz)
-        count, n = (2 * reach + 1) * (self.order + 1) * (1 + self.conjugate), waveform.samples_per_frame
-        if _FEWEST * count > n:
-            raise ValueError(
-                f"auxiliary_cancel has {count} weights by reach_s {self.reach_s:g}, order {self.order} and conjugate "
-                f"{self.conjugate}; a frame of {n} samples is enough for {n // _FEWEST}"
-            )
-        return reach, count
 
 
 class AuxiliaryCancel:
@@ -90,13 +78,6 @@ class AuxiliaryCancel:
     settings : CancelSettings
     max_altitude_m : float
         Highest altitude of a return.
-
-    Attributes
-    ----------
-    isolation_db : float or None
-        As measured so far.
-    frames, cancelled, refused : int
-        Frames seen, changed, and passed because weights or output would have taken the return.
     """
 
     name = "auxiliary_cancel"
@@ -105,12 +86,12 @@ class AuxiliaryCancel:
         self, waveform: Waveform, settings: CancelSettings | None = None, *, max_altitude_m: float = 1500.0
     ) -> None:
         self.waveform, self.settings = waveform, settings or CancelSettings()
-        n, self._n = waveform.samples_per_frame, waveform.samples_per_frame
-        self._reach, weights = self.settings.weights(waveform)
-        self._delays = range(-self._reach, self._reach + 1)
-        time = np.linspace(-1.0, 1.0, n, dtype=np.float32)
-        order = np.eye(self.settings.order + 1)
+        n = self._n = waveform.samples_per_frame
+        self._reach = reach = round(self.settings.reach_s * waveform.rate_hz)
+        self._delays = range(-reach, reach + 1)
+        time, order = np.linspace(-1.0, 1.0, n), np.eye(self.settings.order + 1)
         self._bases = [np.polynomial.legendre.legval(time, row).astype(np.float32) for row in order]
+        weights = len(self._delays) * len(self._bases) * (1 + self.settings.conjugate)
         self._equations = slice(0, n, max(1, n // (_EQUATIONS * weights)))
         self._reference = waveform.reference.astype(np.complex64)
         edge = np.linspace(0.0, 20.0, n // 2)  # of each half sweep a Tukey window, a twentieth at either end
@@ -125,14 +106,15 @@ class AuxiliaryCancel:
     def reset(self) -> None:
         """Forget the isolation; counters to zero."""
         self.isolation_db: float | None = None
-        self.frames = self.cancelled = self.refused = 0
+        self.frames = self.cancelled = self.refused = (
+            0  # refused: weights or output would have taken the return
+        )
 
     def status(self) -> dict[str, object]:
         """Counters, measured isolation, and why the canceller is off, if it is."""
-        known = self.isolation_db
-        off = ""
+        known, off = self.isolation_db, ""
         if known is None:
-            off = "isolation not measured yet: no return has stood out without interference"
+            off = "isolation not measured: no return has stood out without interference"
         elif known < LEAST_ISOLATION_DB:
             off = f"isolation of the return is {known:.1f} dB, below {LEAST_ISOLATION_DB:g}: turn the antenna away"
         counters = {"frames": self.frames, "cancelled": self.cancelled, "refused": self.refused}
@@ -168,16 +150,16 @@ class AuxiliaryCancel:
         spectra *= self._outside
         rest = fft.ifft(spectra, axis=-1, overwrite_x=True)
         rest *= self._reference
-        weights = self._estimate(*rest)
+        weights, cleaned = self._estimate(*rest), first.copy()
         if weights is None:
             return
-        cleaned = first.copy()
         taken = np.vdot(weights, weights).real > (_TAKEN * 10 ** (known_db / 20)) ** 2
         if not taken:
             for weight, row in zip(weights, self._rows(second), strict=True):
                 blas.caxpy(row, cleaned, a=-weight)
-            edge = self._reach
-            cleaned[:edge] = cleaned[self._n - edge :] = 0  # the frame's end is not its beginning
+            cleaned[: self._reach] = cleaned[self._n - self._reach :] = (
+                0  # the frame's end is not its beginning
+            )
             line = (self._spin[cell * np.arange(self._n) % self._n] * self._dechirp) @ cleaned if clear else 0
             taken = clear and abs(line) ** 2 < 0.5 * power[0, cell]
         if taken:

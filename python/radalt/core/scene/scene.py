@@ -136,18 +136,15 @@ class Scene:
 
     def _check_auxiliary(self) -> None:
         """Check that every interferer has its direction, and that one converter is stated."""
-        if self.auxiliary is None:
-            return
-        self.auxiliary_cancel.weights(self.waveform)
-        given, wanted = len(self.auxiliary.directions), len(self.interference)
-        if given not in (1, wanted):
+        given = 1 if self.auxiliary is None else len(self.auxiliary.directions)
+        if given not in (1, len(self.interference)):
             raise ValueError(
-                f"auxiliary.directions has {given} entries for {wanted} interferers; give one for all, or one each"
+                f"auxiliary.directions has {given} entries for {len(self.interference)} interferers; give one for all, "
+                "or one each"
             )
-        if self.auxiliary.adc_bits and self.channel.adc_bits:
+        if self.auxiliary is not None and self.auxiliary.adc_bits and self.channel.adc_bits:
             raise ValueError(
-                f"auxiliary.adc_bits {self.auxiliary.adc_bits} and channel.adc_bits {self.channel.adc_bits} would "
-                "convert twice; set one of them to 0"
+                "auxiliary.adc_bits and channel.adc_bits would convert twice; set one of them to 0"
             )
 
     def _check_methods(self) -> None:
