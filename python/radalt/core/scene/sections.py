@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -113,7 +114,7 @@ class AltitudeSpec:
         """Largest range rate that is flown."""
         return self.vertical_speed_m_per_s if self.drawn is None else self.drawn.speed_m_per_s
 
-    @property
+    @cached_property
     def programme(self) -> Programme:
         """The frame-by-frame programme."""
         drawn = None if self.drawn is None else self.drawn.draw().T.tolist()

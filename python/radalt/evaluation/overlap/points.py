@@ -94,9 +94,9 @@ def changed(
         sweep = dataclasses.replace(scene.sweep, **given(axes))
         altitude = dataclasses.replace(scene.altitude, **given(flown))
         scene = dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given(whole))
-        options = {
-            name: {**(scene.method_options.get(name) or {}), **more} for name, more in (own or {}).items()
-        }
+        if not own:
+            return scene
+        options = {name: {**(scene.method_options.get(name) or {}), **more} for name, more in own.items()}
         added = tuple(name for name in options if name not in scene.methods)
         return dataclasses.replace(
             scene, methods=scene.methods + added, method_options={**scene.method_options, **options}
