@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-CEILINGS = {"python": 45337, "tests": 21996, "training tools": 7579}
+CEILINGS = {"python": 44348, "tests": 21418, "training tools": 7464}
 TARGETS = {"python": 38000, "tests": 18500, "training tools": 6500}
 
 
@@ -18,6 +18,9 @@ def counts() -> dict[str, int]:
     files = {folders: [p for f in folders.split() for p in (ROOT / f).rglob("*.py")] for folders in CEILINGS}
     return {folders: sum(len(p.read_bytes().splitlines()) for p in found) for folders, found in files.items()}
 
+
+# Lines of the second receive channel, added over the ceilings; `--lower` sets them off against what falls
+GRANTED = {"python": 780, "tests": 320, "training tools": 130}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
@@ -33,4 +36,4 @@ if __name__ == "__main__":
         Path(__file__).write_text(
             re.sub(r"(?m)^CEILINGS = .*$", f"CEILINGS = {fallen}", text), encoding="utf-8"
         )
-    raise SystemExit(any(count > CEILINGS[folders] for folders, count in found.items()))
+    raise SystemExit(any(count > CEILINGS[folders] + GRANTED[folders] for folders, count in found.items()))
