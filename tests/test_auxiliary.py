@@ -123,6 +123,15 @@ def test_an_isolation_that_falls_in_flight_is_found_where_a_return_stands_out():
     assert abs(canceller.isolation_db - 6.0) < 2.0
 
 
+@pytest.mark.parametrize("kind", ["tones", "qpsk"])
+def test_the_edge_of_a_bursts_spectrum_is_no_return(kind):
+    """Dechirped, a burst fills a part of the cells: the isolation would be the interferer's, -6 dB, and frames pass."""
+    for seed in range(3):
+        canceller, first, second, truth_m = measured(two_channels(kind, sir_db=-30.0).at(overlap=0.3), seed)
+        assert judged(canceller.process(first, second), truth_m) == (1.0, 0.0)
+        assert canceller.isolation_db > 15.0
+
+
 @pytest.mark.parametrize("snr_db", [0.0, 10.0, 30.0])
 def test_clean_frames_pass_to_the_bit(snr_db):
     scene = two_channels(frames=60, channel={"snr_db": snr_db}).at(overlap=0.0)

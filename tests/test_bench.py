@@ -23,7 +23,7 @@ def mitigate(frames, waveform):
 """
 
 
-@pytest.mark.parametrize("name", ["standard", "ideal", "evm"])
+@pytest.mark.parametrize("name", ["standard", "ideal", "evm", "two_channels"])
 def test_shipped_lists_hold_cases_whose_seeds_differ(name):
     cases = load_list(name).cases
     assert len(cases) >= 5 and len({case.scene.seed for case in cases}) == len(cases)

@@ -16,13 +16,16 @@ from .altimeter_settings import FASTEST_M_PER_S
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
 _STANDS_OUT = (
-    30.0  # power of a return's line over the median cell: noise in a span reaches it once in 1e6 frames
+    30.0  # power of a line over the cells next to it that is a return: noise reaches it once in 1e6 frames
 )
-_VISIBLE = 20.0  # power of a line over the median cell that noise exceeds in a cell of a million
-_UNSEEN = 3.0  # median cells of power that a line may have and not be seen
+_VISIBLE = 20.0  # power of a line over the cells next to it that noise exceeds in a cell of a million
+_UNSEEN = 3.0  # power, over that next to it, that a line may have and not be seen
 _ALIVE = 0.01  # least noise of the second channel over the first's: a dead one shows no return either
 _TAKEN = 0.3  # largest amplitude of the return that weights may take: 3 dB
 _RAISED_DB = 1.0  # rise of the measured isolation per frame: one frame of an interferer's line is no return
+_BESIDE = np.stack(
+    [np.arange(-36, -4), np.arange(5, 37)]
+)  # cells on either side of a line, beyond its main lobe
 _GUARD_CELLS = 40  # cells beyond the span's beats that hold side lobes of a strong return
 
 
@@ -139,11 +142,12 @@ class AuxiliaryCancel:
             return
         spectra = fft.fft(np.stack([first, second]) * self._dechirp, axis=-1)
         power = spectra.real**2 + spectra.imag**2
-        middle = np.median(power, axis=1)
         cell = int(np.argmax(np.where(self._outside, 0, power[0])))
-        clear = power[0, cell] > _STANDS_OUT * middle[0]
+        # the larger of both sides: at the edge of a burst's spectrum the other one is quiet
+        noise = np.median(power[:, (cell + _BESIDE) % self._n], axis=-1).max(axis=-1)
+        clear = power[0, cell] > _STANDS_OUT * noise[0]
         if clear:
-            self._measure(*power[:, cell], *middle)
+            self._measure(power[:, cell], noise[1], *np.median(power[:, ::8], axis=-1))
         known_db = min(self.settings.isolation_db, self.isolation_db or 0.0)
         if known_db < LEAST_ISOLATION_DB:
             return
@@ -168,13 +172,13 @@ class AuxiliaryCancel:
             first[:] = cleaned
             self.cancelled += 1
 
-    def _measure(self, line: float, auxiliary: float, middle: float, floor: float) -> None:
-        """Isolation from a return's line in both channels, by the median cells of both."""
-        found = 10.0 * np.log10(line / (auxiliary + _UNSEEN * floor + np.finfo(np.float32).tiny))
+    def _measure(self, line: np.ndarray, noise: float, floor: float, auxiliary_floor: float) -> None:
+        """Isolation from a return's line in both channels; ``noise`` is that next to it in the second."""
+        found = 10.0 * np.log10(line[0] / (line[1] + _UNSEEN * noise + np.finfo(np.float32).tiny))
         known = self.isolation_db
-        if auxiliary > _VISIBLE * floor:
+        if line[1] > _VISIBLE * noise:
             self.isolation_db = found if known is None else min(found, known + _RAISED_DB)
-        elif floor > _ALIVE * middle and (known is None or found > known):
+        elif auxiliary_floor > _ALIVE * floor and (known is None or found > known):
             self.isolation_db = found if known is None else known + _RAISED_DB
 
     def _rows(self, x: np.ndarray, step: slice = slice(None)) -> list[np.ndarray]:
