@@ -119,7 +119,7 @@ class AuxiliaryCancel:
         if known is None:
             off = "isolation not measured: no return has stood out without interference"
         elif known < LEAST_ISOLATION_DB:
-            off = f"isolation of the return is {known:.1f} dB, below {LEAST_ISOLATION_DB:g}: turn the antenna away"
+            off = f"isolation measured as {known:.1f} dB, below {LEAST_ISOLATION_DB:g}: turn the antenna away"
         counters = {"frames": self.frames, "cancelled": self.cancelled, "refused": self.refused}
         return {"method": self.name, **counters, "isolation_db": known, "off": off}
 
