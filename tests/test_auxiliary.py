@@ -253,7 +253,7 @@ def test_the_block_hands_on_tags_with_the_quality_of_what_is_left():
     segmenter = gr_radalt.frame_segmenter(scene, auxiliary=True)
     channel, jammer = (
         gr_radalt.simulated_channel(scene, auxiliary=True),
-        gr_radalt.mixture_jammer_source(scene, frames=23),
+        gr_radalt.jammer_source(scene, frames=23),
     )
     cancel, sink = gr_radalt.auxiliary_cancel(scene), Collect(W.samples_per_frame)
     second = [((jammer, 0), (channel, 1)), ((channel, 1), (segmenter, 1)), ((segmenter, 1), (cancel, 1))]
