@@ -168,7 +168,7 @@ COMMANDS = {
     landing_eval: "--jobs --frames --trials --sensitivity-trials --seed --sir-db --flat-m",
     error_vs_runtime: "--frames --rounds --seed --sir-db",
     leaving_out: "--frames --repeats",
-    integrity: "--frames --outputs --seed",
+    integrity: "--frames --hours --seed",
     detection: "--frames --null-frames --noise-frames --seed",
     realtime_benchmark: "--seconds --overlap --batch",
     gallery: "--seed",

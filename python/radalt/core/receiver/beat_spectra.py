@@ -190,6 +190,12 @@ class BeatSpectra:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
             low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self._table)
+        return self.of_beats(low, frames)
+
+    def of_beats(self, low: np.ndarray, frames: np.ndarray | None = None) -> Spectra:
+        """Transform ``(n, 2, outputs)`` complex64 dechirped, decimated half sweeps, which are overwritten."""
+        w = self.waveform
+        with np.errstate(invalid="ignore", over="ignore"):
             rails = low.view(np.float32).reshape(len(low), -1)
             scale = np.maximum(rails.max(axis=1), -rails.min(axis=1))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with

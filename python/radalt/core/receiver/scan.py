@@ -25,6 +25,8 @@ class Scan:
         Seconds from there to the end of the block's last frame, for which the altitude is given.
     residual_m : float
         Altitude that the frames' residual timing offset adds.
+    ground_m : float or None
+        Altitude of the nearest point of spread ground, the strongest return; None of a point.
     edge_m : float
         Standard deviation of the nearest point of spread ground; 0 of a point.
     edge_m_per_s : float
@@ -40,6 +42,7 @@ class Scan:
     middle: float
     lead_s: float
     residual_m: float = 0.0
+    ground_m: float | None = None
     edge_m: float = 0.0
     edge_m_per_s: float = 0.0
     beyond: float = 0.0

@@ -283,6 +283,7 @@ class AltitudeTracker:
             lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s,
             residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
             beyond=float(np.median(beyond)) if beyond.size else 0.0,
+            ground_m=None if ground is None else ground.altitude_m,
             edge_m=edge_m,
             edge_m_per_s=2.0 * edge_m * self.integrator.speed_per_cell / self.integrator.cell_m,
             sum_received=(lambda: Block(self.integrator, self._received[at] * weights, at.astype(float)))
@@ -299,7 +300,7 @@ class AltitudeTracker:
             found = self._updater.update(self._track, scan)
             measured = found or self._updater.keep(self._track, scan)
             state = State.TRACK if measured else self._missed()
-            if measured and self._deleter.inconsistent(self._track):
+            if measured and self._deleter.inconsistent(self._track, scan):
                 found, state = None, State.LOST
                 self._end()
             normal = found is not None and self._integrity.undisputed(self._track, scan, found)
