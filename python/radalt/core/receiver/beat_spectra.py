@@ -190,9 +190,11 @@ class BeatSpectra:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
             low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self._table)
-        return self.of_beats(low, frames)
+        return self.of_beats(low, frames, quality)
 
-    def of_beats(self, low: np.ndarray, frames: np.ndarray | None = None) -> Spectra:
+    def of_beats(
+        self, low: np.ndarray, frames: np.ndarray | None = None, quality: np.ndarray | None = None
+    ) -> Spectra:
         """Transform ``(n, 2, outputs)`` complex64 dechirped, decimated half sweeps, which are overwritten."""
         w = self.waveform
         with np.errstate(invalid="ignore", over="ignore"):
