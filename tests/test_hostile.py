@@ -1,5 +1,6 @@
 """Input that once got a traceback, a hang or a wrong yes: each class of it ends with status 2 and one line."""
 
+import base64
 import importlib
 import os
 import signal
@@ -8,10 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-import cancellation
 import collect
-import detection
-import error_vs_runtime
 import gallery
 import integrity
 import landing_eval
@@ -30,6 +28,7 @@ import yaml
 from hostile import assert_line, assert_refused, ended, measure_here
 from waiting import end_of, ran, ran_python
 
+import bench
 from radalt.core.mitigation import MitigationError, create, rehearsal
 from radalt.core.parsing import InputError, load_yaml, shown
 from radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
@@ -165,11 +164,9 @@ def test_hostile_option_of_the_evaluation_gets_one_line(option):
 
 
 COMMANDS = {
-    landing_eval: "--jobs --frames --trials --sensitivity-trials --seed --sir-db --flat-m",
-    error_vs_runtime: "--frames --rounds --seed --sir-db",
+    landing_eval: "--jobs --frames --sensitivity-trials --seed --sir-db --flat-m",
     leaving_out: "--frames --repeats",
     integrity: "--frames --hours --seed",
-    detection: "--frames --null-frames --noise-frames --seed",
     realtime_benchmark: "--seconds --overlap --batch",
     gallery: "--seed",
     ota_remote: "--keep-alive-s",
@@ -197,15 +194,16 @@ OTHERS = {
     landing_eval: (
         "nothing.yaml", "/dev/zero", "--trajectory=/dev/zero", "--terrain=/dev/zero",
         "--methods=" + "x" * 999, "--methods=", "--aircraft=a1b2c3 --dry-run",
-        "--frames=0 --trials=0 --sensitivity-trials=0",
+        "--frames=0 --sensitivity-trials=0",
     ),
-    error_vs_runtime: ("--models=/dev/zero", "--models=nothing.onnx", "--sir-db=0:1e9:1e-3"),
+    bench: (
+        "nothing.yaml", "/dev/zero", "null --methods=nothing", "null --cases=nothing", "null --frames=0",
+        "standard --method-file=m=/dev/zero", "paper --model=tcae_fc=nothing.onnx", "foreign --cases=dvbt",
+    ),
     stability: (
         "--methods=" + "x" * 999, "--groups=", "--models=nothing.onnx", "--methods=none,none",
         "--groups=numbers,numbers",
     ),
-    detection: ("--methods=" + "x" * 999, "--methods=", "--methods=none,none"),
-    cancellation: ("--methods=none,none", "--cases=nr10_64qam,nr10_64qam"),
     integrity: (
         "--methods=none,none", "--groups=noise,noise", "--methods=" + "x" * 999, "--groups=nothing",
         "--frames=401", "--replay=nothing:1", "--replay=noise:-1",
@@ -342,6 +340,18 @@ def test_a_method_that_fails_in_mid_run_ends_it_with_one_line(end, message, tmp_
     assert message in error
 
 
+# an ONNX file that adds to its input what a loop of 2^62 rounds leaves of a constant
+LOOP = base64.b64decode(
+    b"CAg6nQIKqAEKAU0KBHRydWUKAXoSAWMiBExvb3AqkAEKBGJvZHkyhAEKGgoEY29uZBIIY29uZF9vdXQiCElkZW50aXR5ChQKAXYSBXZfb3V0"
+    b"IghJZGVudGl0eRIBYloLCgFpEgYKBAgHEgBaDgoEY29uZBIGCgQICRIAWgsKAXYSBgoECAESAGISCghjb25kX291dBIGCgQICRIAYg8KBXZf"
+    b"b3V0EgYKBAgBEgCgAQUKDgoBeAoBYxIBeSIDQWRkEgFnKg8QB0IBTUoIAAAAAAAAAEAqCxAJQgR0cnVlSgEBKgsQAUIBekoEAAAAAFoYCgF4"
+    b"EhMKEQgBEg0KAggBCgIIAgoDCMw6YhgKAXkSEwoRCAESDQoCCAEKAggCCgMIzDpCBAoAEBByHAoUcmFkYWx0X2ZyYW1lX3NhbXBsZXMSBDc1"
+    b"MDByIgoNcmFkYWx0X2xheW91dBIRaXFfY2hhbm5lbHNfZmlyc3RyIQoUcmFkYWx0X25vcm1hbGlzYXRpb24SCWpvaW50X3Jtc3IbCg5yYWRh"
+    b"bHRfcmF0ZV9oehIJNzUwMDAwMC4wchQKD3JhZGFsdF9jZW50ZXJlZBIBMXIgChNyYWRhbHRfYmFuZHdpZHRoX2h6Egk3NTAwMDAwLjByFwoO"
+    b"cmFkYWx0X3N3ZWVwX3MSBTAuMDAx"
+)
+
+
 def test_hostile_network_is_refused(tmp_path):
     for content in (b"", b"\x08" * 999):
         path = tmp_path / "n.onnx"
@@ -349,6 +359,13 @@ def test_hostile_network_is_refused(tmp_path):
         with pytest.raises(MitigationError) as caught:
             create("tcae", Waveform(), model=str(path))
         assert_line(str(caught.value))
+
+
+def test_a_network_that_never_ends_is_refused_within_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr(rehearsal, "LIMIT_S", 3.0)
+    (tmp_path / "n.onnx").write_bytes(LOOP)
+    with pytest.raises(MitigationError, match="did not load and clean a frame within 3 s"):
+        create("tcae", Waveform(), model=str(tmp_path / "n.onnx"))
 
 
 def test_a_file_is_rehearsed_once_and_again_when_it_has_changed(tmp_path, monkeypatch):

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -20,20 +20,18 @@ from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, d
 from .markdown import every_row, report_markdown
 from .panels import Row, swept_axes, with_interference
 
-if TYPE_CHECKING:
-    from .study import OverlapStudy
-
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 
 
 def write_report(
     folder: RunFolder,
-    study: "OverlapStudy",
+    scene: Scene,
     rows: Sequence[Row],
     ceiling: Sequence[Row],
     run: Run,
     altitudes: Sequence[Row] = (),
     *,
+    left_out: Sequence[str] = (),
     tracked: Sequence[Row] = (),
 ) -> Path:
     """Write the result folder from its rows, in canonical order; returns the path of ``report.md``.
@@ -51,8 +49,8 @@ def write_report(
     text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
     folder.write_text("scene.yaml", text)
     altitudes = [row for row in altitudes if row["trials"]]
-    report = build_report(folder.head, study, with_intervals(rows, altitudes), ceiling, run)
-    report["tracked"] = list(tracked)
+    report = build_report(folder.head, scene, with_intervals(rows, altitudes), ceiling, run)
+    report |= {"left_out": list(left_out), "tracked": list(tracked)}
     figures = _draw(report, folder.path) + _draw_altitudes(report["title"], altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
     text = report_markdown(report, figures, altitudes)
@@ -94,10 +92,9 @@ def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tu
 
 
 def build_report(
-    head: dict[str, Any], study: "OverlapStudy", rows: Sequence[Row], ceiling: Sequence[Row], run: Run
+    head: dict[str, Any], scene: Scene, rows: Sequence[Row], ceiling: Sequence[Row], run: Run
 ) -> dict[str, Any]:
     """Content of ``report.json``."""
-    scene = study.scene
     once: dict[tuple[str, float | None], Row] = {}
     for row in ceiling:  # overlap 0 is one measurement for all panels
         once.setdefault((row["method"], row["snr_db"]), row)
@@ -112,7 +109,6 @@ def build_report(
             note for i in scene.interference for note in i.emitter.notes(scene.waveform.rate_hz)
         ],
         "trials_per_point": scene.altitude.programme.trial_frames,
-        "left_out": study.left_out(),
         "rows": list(rows),
         "ceiling": list(once.values()),
         "bounds": _crb_by_snr(scene, rows),

@@ -20,8 +20,8 @@ from ...core.scene import Scene, SceneError, scene_to_mapping
 from ..engine.study import Point, Run, Study
 from ..results.chain import seconds_per_frame
 from ..results.folder import RunFolder
-from ..results.rows import Columns
-from ..results.score import score
+from ..results.rows import Columns, bits
+from ..results.score import correct_trials, score
 from ..simulation import run_chain
 from .altitudes import ALTITUDE_COLUMNS, altitude_rows
 from .points import OverlapPoint, scene_at, sweep_points
@@ -156,6 +156,7 @@ def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, An
             segmenter=result.segmenter,
             ms_per_frame=result.ms_per_frame[method],
             real_time_factor=result.real_time_factor,
+            right=bits(correct_trials(frames, programme)),
         )
         for method, frames in result.results.items()
     ]
@@ -329,9 +330,8 @@ class OverlapStudy(Study):
         from .report import write_report
 
         ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
-        return write_report(
-            folder, self, rows["rows"], ceiling, run, rows["altitudes"], tracked=rows["tracked"]
-        )
+        more = {"left_out": self.left_out(), "tracked": rows["tracked"]}
+        return write_report(folder, self.scene, rows["rows"], ceiling, run, rows["altitudes"], **more)
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""

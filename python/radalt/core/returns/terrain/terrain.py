@@ -4,7 +4,6 @@ import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -22,20 +21,6 @@ class TerrainError(InputError):
     """Terrain is missing, void, not readable, or above the aircraft; the message is one line."""
 
 
-class TerrainModel(Protocol):
-    """Protocol of terrain, for the ground return."""
-
-    def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
-        """Heights above mean sea level, same shape as the broadcast arguments."""
-        ...
-
-    def height_and_slope(
-        self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Heights in metres, and their slopes towards east and north (metres per metre)."""
-        ...
-
-
 @dataclass(frozen=True)
 class FlatTerrain:
     """Constant height above mean sea level, everywhere."""
@@ -43,13 +28,13 @@ class FlatTerrain:
     elevation_m: float = 0.0
 
     def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
-        """See `TerrainModel`."""
+        """Heights above mean sea level in metres, same shape as the broadcast arguments."""
         return np.full(np.broadcast(latitude_deg, longitude_deg).shape, float(self.elevation_m))
 
     def height_and_slope(
         self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `TerrainModel`."""
+        """Heights in metres, and their slopes towards east and north (metres per metre)."""
         height = self.height_m(latitude_deg, longitude_deg)
         return height, np.zeros_like(height), np.zeros_like(height)
 
@@ -129,7 +114,11 @@ class DtedCell:
         if voids == posts.size:
             raise TerrainError(f"terrain file {path} holds {voids} voids and no elevation")
         if void == "fill" and voids:
-            posts = _fill_nearest(posts)
+            from scipy.ndimage import distance_transform_edt
+
+            posts = posts[
+                tuple(distance_transform_edt(np.isnan(posts), return_distances=False, return_indices=True))
+            ]
         return cls(
             south_deg=tile.dsi.south_west_corner.latitude,
             west_deg=tile.dsi.south_west_corner.longitude,
@@ -179,13 +168,6 @@ def _blend(a: np.ndarray, b: np.ndarray, fraction: np.ndarray) -> np.ndarray:
     return np.where(fraction < 1e-9, a, np.where(fraction > 1 - 1e-9, b, mixed))
 
 
-def _fill_nearest(posts: np.ndarray) -> np.ndarray:
-    from scipy.ndimage import distance_transform_edt
-
-    nearest = distance_transform_edt(np.isnan(posts), return_distances=False, return_indices=True)
-    return posts[tuple(nearest)]
-
-
 @dataclass(frozen=True)
 class Terrain:
     """Several DTED cells side by side; on a shared edge the first cell is used.
@@ -211,13 +193,13 @@ class Terrain:
         return cls(cells)
 
     def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
-        """See `TerrainModel`."""
+        """See `FlatTerrain`."""
         return self.height_and_slope(latitude_deg, longitude_deg)[0]
 
     def height_and_slope(
         self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `TerrainModel`."""
+        """See `FlatTerrain`."""
         lat, lon = np.broadcast_arrays(np.asarray(latitude_deg, float), np.asarray(longitude_deg, float))
         shape, lat, lon = lat.shape, lat.ravel(), lon.ravel()
         out = np.full((3, lat.size), np.nan)
@@ -254,3 +236,6 @@ class Terrain:
             f"terrain does not cover {latitude_deg:.5f}, {longitude_deg:.5f} deg "
             f"(it covers {covered or 'nothing'}); add the DTED cell there"
         )
+
+
+TerrainModel = FlatTerrain | Terrain
