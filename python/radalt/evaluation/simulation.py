@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core.mitigation import METHODS, Mitigation, create, method_class
-from ..core.receiver.altimeter import AltimeterSettings, shared_altimeter
+from ..core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
 from ..core.receiver.frame_quality import FrameQuality
 from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
@@ -143,8 +143,7 @@ class MethodPath:
 
     def results(self) -> np.ndarray:
         """Results of all frames so far."""
-        none = np.empty((0, self.altimeter.waveform.samples_per_frame), dtype=np.complex64)
-        return np.concatenate(self._results) if self._results else self.altimeter.process(none)
+        return np.concatenate([np.empty(0, dtype=RESULT_DTYPE), *self._results])
 
     def milliseconds(self) -> np.ndarray:
         """CPU time of the method per frame."""
