@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..results.figure import own_style
 from ..results.folder import RunFolder, versions
 from .estimate import estimate
 from .options import Options
@@ -81,7 +82,8 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
             peak_memory_bytes=peak_memory_bytes() + sum(peaks.values()),
             command=options.command,
         )
-        return study.report(folder, _write_tables(study, points, folder), facts)
+        with own_style():
+            return study.report(folder, _write_tables(study, points, folder), facts)
 
 
 def _outcomes(
