@@ -37,7 +37,6 @@ def ten_lines(root, tmp_path_factory):
     few["out"] = tmp_path_factory.mktemp("evaluate") / "run"
     names = {"__name__": "__main__"}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
         patch.setitem(vars(radalt), "evaluate", lambda *a, **k: evaluate(*a, **{**k, **few}))
         patch.setitem(vars(radalt), "simulate", lambda *a, **k: simulate(*a, **{**k, "frames": 20}))
         exec(compile((root / "examples/ten_lines.py").read_text("utf-8"), "ten_lines.py", "exec"), names)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..results.figure import own_style
 from ..results.folder import RunFolder, versions
-from .estimate import estimate
 from .options import Options
 from .pool import WorkerError, run_tasks
 from .study import Point, Run, Study
@@ -29,7 +28,7 @@ class Progress:
     total: int
     resumed: int  # points that were measured before this start
     rows: Sequence[dict[str, Any]]  # rows of the last point; none at the first call
-    remaining_s: float  # estimated remaining time
+    remaining_s: float | None  # by the time of the points so far; None before the first
     rejected: Sequence[str] = ()  # invalid lines of the journal; their points are measured again
 
 
@@ -61,10 +60,10 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
         jobs = max(1, min(options.jobs, study.max_jobs or options.jobs))
         todo = [point for name, point in points.items() if name not in folder.done]
         outcomes = _outcomes(study.begin(folder.path), todo, options, jobs, cluster)
-        remaining = _Remaining(estimate(study, todo, jobs), len(todo), jobs)
+        remaining = _Remaining(todo, jobs)
         peaks: dict[int | str, int] = {}
         _write_tables(study, points, folder)
-        progress(Progress(resumed, len(points), resumed, (), remaining.seconds(0), folder.rejected))
+        progress(Progress(resumed, len(points), resumed, (), None, folder.rejected))
         for count, (index, outcome) in enumerate(outcomes, start=1):
             if inputs is not None:
                 inputs.check()
@@ -73,7 +72,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
             _append(study, point, folder, outcome.rows)
             peaks[outcome.process] = outcome.peak_bytes
             shown = [row for row in outcome.rows if study.table_of(point, row) == point.table]
-            progress(Progress(resumed + count, len(points), resumed, shown, remaining.seconds(count)))
+            progress(Progress(resumed + count, len(points), resumed, shown, remaining.seconds(point)))
         facts = Run(
             jobs=len(peaks) if cluster else jobs,
             points=len(points),
@@ -179,17 +178,17 @@ def _cluster(study: Study, scheduler: str) -> "Cluster":
 
 
 class _Remaining:
-    """Remaining time: measured times replace the study's estimate point by point."""
+    """Remaining time, in proportion to the frames of the points measured so far."""
 
-    def __init__(self, estimate_s: float, points: int, jobs: int) -> None:
-        self._estimate_s, self._points, self._jobs = estimate_s, points, jobs
-        self._begun = time.monotonic()
+    def __init__(self, points: Sequence[Point], jobs: int) -> None:
+        self._left, self._jobs = {point.name: max(1, point.frames) for point in points}, jobs
+        self._total, self._begun = sum(self._left.values()), time.monotonic()
 
-    def seconds(self, done: int) -> float:
-        """After so many points."""
-        if not done:
-            return self._estimate_s
-        spent = time.monotonic() - self._begun
-        weight = min(1.0, done / (2 * self._jobs))
-        stated = max(0.0, self._estimate_s - spent)
-        return weight * spent / done * (self._points - done) + (1 - weight) * stated
+    def seconds(self, point: Point) -> float:
+        """When ``point`` has been measured, too."""
+        del self._left[point.name]
+        left = sum(self._left.values())
+        # the other workers are in the middle of a point each
+        under_way = 0.5 * min(self._jobs - 1, len(self._left)) * left / max(1, len(self._left))
+        left -= under_way
+        return (time.monotonic() - self._begun) * left / (self._total - left)

@@ -1,6 +1,5 @@
 """Study: tracked flights below base stations, behind any methods."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
@@ -10,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...evaluation.engine.chain_study import ChainStudy
-from ...evaluation.engine.study import Point, Run, Study
+from ...evaluation.engine.study import Point, Run
 from ...evaluation.results.chain import Chain
 from ...evaluation.results.figure import COLUMN_IN, new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
@@ -20,8 +19,6 @@ from ...evaluation.results.rows import Columns
 from ...evaluation.results.style import series_style
 from ...evaluation.results.table import number, table
 from .tracked import CONFIRMING, FLIGHTS, FRAMES, NR_MS, TRACKED_COLUMNS, fly
-
-_RECEIVED_S = 0.002  # CPU seconds to make a frame, with its altimeters and trackers
 
 
 @dataclass(frozen=True)
@@ -84,14 +81,6 @@ class FlightsStudy(ChainStudy):
         return write_result(
             folder, Path(__file__).with_name("flights.md.j2"), run.as_dict(), report | rows, values
         )
-
-    def seconds(self, point: FlightPoint) -> float:
-        """See `Study`."""
-        return point.frames * (_RECEIVED_S + self.seconds_per_frame())
-
-    def rehearsal(self) -> tuple[tuple[Study, FlightPoint], ...]:
-        """See `Study`."""
-        return ((self, dataclasses.replace(self.points()[0], frames=80)),)
 
 
 def draw_flights(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
