@@ -183,6 +183,16 @@ def test_known_timing_offset_is_subtracted_as_delay():
     np.testing.assert_array_equal(result["frame_index"], [7, 9])
 
 
+@pytest.mark.parametrize("altitude", [8e3, 10e3, 15e3, 20e3, 30e3])
+def test_a_fraction_of_a_sample_of_latency_is_no_bias_at_any_altitude(altitude):
+    """Of a beat shift the part past the edge of the band is turned by a fraction, up to half of a half sweep."""
+    turn = np.exp(-2j * np.pi * np.fft.fftfreq(W.samples_per_frame) * 0.37)
+    frame = np.fft.ifft(np.fft.fft(W.beat_shifted(altitude)) * turn)[None]
+    altimeter = Altimeter(W, AltimeterSettings(max_altitude_m=altitude))
+    result = altimeter.process(frame, timing_offset_s=0.37 / W.rate_hz)
+    assert abs(result["altitude_m"][0] - altitude) < 0.1
+
+
 def test_batch_gives_what_single_frames_give_bit_for_bit():
     rng = np.random.default_rng(1)
     frames = frames_of("synthetic", rng.uniform(3, 1500, 9)) + noise((9, 7500), 0.0, rng)

@@ -159,11 +159,24 @@ def test_a_line_beyond_the_span_ten_decibels_below_the_ground_takes_no_altitude(
     assert np.all(outputs["status"] == Status.NORMAL) and np.all(np.abs(outputs["altitude_m"] - 300.0) < 3.0)
 
 
+@pytest.mark.parametrize("least", [1.0, 0.1])
+def test_a_line_beyond_the_span_has_the_energy_by_which_a_cleaned_frame_is_searched_for_it(least):
+    rng = np.random.default_rng([11, int(10 * least)])
+    for snr_db in (60.0, 20.0, 10.0, 0.0):
+        frames = flown(rng, 200, 1545.0, W.max_unambiguous_altitude_m, snr_db)[1]
+        low = point_return(W, rng.uniform(0.0, 1500.0, 200), phase_cycles=rng.random(200))
+        power = 10.0 ** ((snr_db + rng.uniform(-1.0, 2.0, (200, 1))) / 10.0) / least
+        frames += np.sqrt(power).astype(np.float32) * low
+        there = BeyondSpan(W, 1500.0).ratio(frames) >= least
+        given = ALTIMETER.beyond(ALTIMETER.spectra(frames), np.arange(200), least)
+        assert 20 < there.sum() < 180 and (given[there] >= least).all()
+
+
 def test_a_received_frame_is_examined_once_however_many_methods_there_are(monkeypatch, tmp_path):
-    """Directly, and in a flowgraph."""
+    """Directly, and in a flowgraph; altimeters do not examine it again."""
     scene = parse_scene({"altitude": {"programme_m": [300.0], "frames": 20}, "channel": {"snr_db": 20.0}})
-    examined, real = [], BeyondSpan.__call__
-    monkeypatch.setattr(BeyondSpan, "__call__", lambda self, f: examined.append(len(f)) or real(self, f))
+    examined, real = [], BeyondSpan.ratio
+    monkeypatch.setattr(BeyondSpan, "ratio", lambda self, f: examined.append(len(f)) or real(self, f))
     methods = ("none", "whitening", "blanking", "lms")
     for run in (
         lambda: run_chain(scene, methods),

@@ -2,7 +2,6 @@
 
 import csv
 
-import cancellation
 import numpy as np
 import pytest
 from gnuradio import radalt
@@ -16,7 +15,6 @@ from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
 from radalt.studies.cancellation.command import _describe
-from radalt.studies.cancellation.flights import FlightsStudy
 from radalt.studies.cancellation.study import CancellationStudy
 
 
@@ -109,19 +107,3 @@ def test_qpsk_is_demodulated_by_its_own_method():
     rows = study.measure(point)
     assert {row["method"] for row in rows} == {"none", "qpsk_cancel"}
     assert sum(row["correct"] for row in rows if row["method"] == "qpsk_cancel") >= 7
-
-
-def test_flights_alone(tmp_path, monkeypatch, capsys, measured_here):
-    monkeypatch.setattr("radalt.studies.cancellation.flights.FRAMES", 120)
-    page = run(FlightsStudy(("none",), flights=1, length_s=1, seed=5), Options(tmp_path / "a", jobs=1))
-    assert "1 flights of 1 s" in page.read_text(encoding="utf-8")
-    rows = list(csv.DictReader((tmp_path / "a" / "rows.csv").open(encoding="utf-8")))
-    assert len(rows) == 3 * 1 * 3 and {r["outputs"] for r in rows} == {"3"}  # kinds, flights, allowed speeds
-    for stray, said in (
-        (["--flight-s=3"], "needs --flights-only"),
-        (["--flights-only", "--cases=evm_3"], "measures no case"),
-    ):
-        with pytest.raises(SystemExit) as left:
-            cancellation.main(stray)
-        error = capsys.readouterr().err
-        assert left.value.code == 2 and said in error and error.count("\n") == 1

@@ -221,10 +221,6 @@ def _within_5_m_of_an_approach(rows):
     return [f"{100 * share:.0f}" for share in (correct / len(mine), *wilson_interval(correct, len(mine)))]
 
 
-def _hazardous_outputs(rows):
-    return [str(sum(int(r["hazardous"]) for r in rows)), f"{sum(int(r['outputs']) for r in rows):,}"]
-
-
 def _what_guarding_costs(rows):
     """Availability after the start, without mitigation and behind tcae."""
     at = {
@@ -279,12 +275,6 @@ def _what_guarding_costs(rows):
             _within_5_m_of_an_approach,
         ),
         (
-            ("docs/tracked_flights.md",),
-            r"\*\*(\d+) of ([\d,]+) outputs are hazardous",
-            "tracked_flights",
-            _hazardous_outputs,
-        ),
-        (
             ("docs/tracker.md",),
             "costs availability.*?" + r"\| ([\d.]+) \| ([\d.]+) \|.*?" * 5,
             "integrity_kinds",
@@ -301,7 +291,6 @@ def _what_guarding_costs(rows):
         "stability",
         "tolerance",
         "landing",
-        "flights",
         "availability",
     ],
 )

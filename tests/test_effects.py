@@ -49,7 +49,6 @@ def impaired(emitter, **effects):
 # the release before there were effects.
 BEFORE = {
     "nr": (86.077382471 + 118.934317388j, 72.129653714 - 24.831215949j),
-    "faded": (-177.798185045 + 29.442745762j, -121.070479184 + 98.498089614j),
     "qpsk": (-62.253069736 - 17.275382237j, 178.797673534 + 257.331083954j),
     "received": (30.810034646 + 234.817466611j, -102.688423027 + 93.160241044j),
     "tones": (-4.322751959 + 1.73178518j, -2.387950392 + 1.943534004j),
@@ -57,7 +56,6 @@ BEFORE = {
 MIXED = {"channel_bandwidth_hz": 10e6, "modulation": "mixed", "power_spread_db": 6.0, "carrier_hz": 1234567.0}
 SCENES = {
     "nr": {"nr": MIXED | {"load": 0.7}},
-    "faded": {"nr": {"multipath": {"profile": "EVA", "doppler_hz": 120.0}}},
     "qpsk": {"qpsk": {"overlap": 0.6}},
     "received": {"qpsk_received": {}},
     "tones": {"tones": {"count": 3}},
@@ -122,7 +120,6 @@ def test_the_shipped_scene_with_every_effect_plays_at_its_sir():
         ({"oscillator": {"clock_ppm": 101.0}}, "clock_ppm is 101; it has to be within -100..100"),
         ({"oscillator": {"carrier_offset_hz": 2e5}}, "oscillator.carrier_offset_hz is 200000;"),
         ({"fading": {"profile": "TDL-Z"}}, "fading.profile 'TDL-Z' is unknown"),
-        ({"fading": {}, "multipath": {}}, "multipath and fading; give one"),
     ],
 )
 def test_wrong_effects_get_one_clear_line(keys, said):

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.effects import ImpairedEmitter, Impairments
 from radalt.core.interference.emitters import NamedEmitter, emitter_class, emitter_names, register
 from radalt.core.interference.emitters.faa_91_220 import FaaMask
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.pulsed_radar import PulsedRadarEmitter
-from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.multipath import FadingChannel
 from radalt.core.interference.receiver_filter import resample_periodic
 
 RATE_HZ = 7.5e6
@@ -172,8 +173,9 @@ EVERY_TYPE = {
     "qpsk": QpskEmitter(),
     "nr5": NrEmitter(carrier_hz=-0.8e6, load=0.4),
     "nr10": NrEmitter(channel_bandwidth_hz=10e6, carrier_hz=2.2e6),
-    "faded nr10": FadedEmitter(
-        emitter=NrEmitter(channel_bandwidth_hz=10e6), channel=FadingChannel(profile="EVA", doppler_hz=400.0)
+    "faded nr10": ImpairedEmitter(
+        emitter=NrEmitter(channel_bandwidth_hz=10e6),
+        effects=Impairments(fading=FadingChannel(profile="EVA", doppler_hz=400.0)),
     ),
     "fmcw": FmcwEmitter(sweep_bandwidth_hz=40e6, sweep_period_s=2e-3),
     "pulsed": PulsedRadarEmitter(),
@@ -219,10 +221,3 @@ def test_every_emitter_file_holds_the_emitter_of_its_name():
 def test_a_name_that_is_taken_or_none_is_refused(name):
     with pytest.raises(ValueError, match="scene_name"):
         register(type("Mine", (NamedEmitter,), {"scene_name": name}))
-
-
-def test_multipath_adds_its_profile_to_an_emitters_names():
-    plain = QpskEmitter()
-    through = FadedEmitter(emitter=plain, channel=FadingChannel(profile="EVA"))
-    assert through.label == f"{plain.label}_EVA" == "qpsk_rectangular_EVA"
-    assert through.title(7.5e6) == "QPSK, rectangular pulses, 26.7 % of the band, ideal through EVA"

@@ -14,11 +14,13 @@ from pages import assert_whole
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
-from radalt.core.scene import load_scene
+from radalt.core.scene import load_scene, parse_scene
+from radalt.core.scene.build import segmenter_of
 from radalt.core.waveform import Waveform
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA
 from radalt.evaluation.results.score import accuracy_limit_m
+from radalt.evaluation.simulation import segmented
 from radalt.studies.landing import command as landing_command
 from radalt.studies.landing import config as landing
 from radalt.studies.landing import points as landing_points
@@ -296,3 +298,24 @@ def test_live_profile_plays_the_same_echoes(root):
     assert np.mean(powers) == pytest.approx(1.0, abs=0.35)
     with pytest.raises(ValueError, match="at least 2"):
         LandingSpec().profile(Waveform(), frames=1)
+
+
+@pytest.mark.parametrize("altimeter", [{}, {"max_altitude_m": 1600.0}])
+def test_ground_above_the_default_span_loses_no_frame(tmp_path, altimeter):
+    """Level at 1,600 m over flat ground, whose far echoes lie beyond its nearest point."""
+    rows = "".join(f"{k},{41 + 5e-4 * k},-87.5,1600\n" for k in range(4))
+    (tmp_path / "high.csv").write_text("time_s,latitude_deg,longitude_deg,altitude_m\n" + rows)
+    files = {"trajectory": {"file": "high.csv"}, "terrain": {"files": [], "flat_m": 0.0}}
+    scene = parse_scene(
+        {
+            "return": "terrain",
+            "altitude": {"frames": 1, "landing_frames": 30},
+            "landing": {"folder": str(tmp_path), **files},
+            "channel": {"snr_db": 20.0},
+            "altimeter": altimeter,
+        }
+    )
+    segmenter = segmenter_of(scene)
+    frames = [frame for part in segmented(scene, segmenter) for frame in part]
+    assert sum(bool(scene.altitude.programme.is_trial(frame.index)) for frame in frames) == 30
+    assert segmenter.counters["lock_losses"] == 0

@@ -76,6 +76,16 @@ def test_correct_means_strictly_within_5_m():
     assert s.correct == 6
 
 
+def test_the_second_limit_is_the_larger_of_5_m_and_3_percent_of_the_altitude():
+    truth = np.repeat([600.0, 100.0], 4)
+    s = score(results(truth + np.array([17.9, -18.1, 6.0, 300.0, 4.9, 5.1, 0, 0])), PROGRAMME)
+    assert (s.pd, s.pd_3pct) == (3 / 8, 5 / 8)
+    rows = [s.row(), s.row()]
+    assert pool(rows).pd_3pct == 5 / 8
+    del rows[0]["pd_3pct"]  # of an earlier release
+    assert np.isnan(pool(rows).pd_3pct) and pool(rows).pd == 3 / 8
+
+
 def test_only_trials_count_and_frames_that_never_came_out_are_lost():
     # preamble, a trial twice, two trials, one frame past the end, one without index
     index = [5, 7, 7, 8, 10, 14, -1]

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from radalt.core.interference import Interferer, interference_frame
+from radalt.core.interference.effects import ImpairedEmitter, Impairments
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk import QpskEmitter
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.interference.emitters.tones import ToneEmitter
-from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.multipath import FadingChannel
 from radalt.core.interference.own_noise import MOST_DB, prefix_snr_db
 from radalt.core.interference.stream import JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
@@ -142,7 +143,7 @@ def test_the_prefix_tells_a_recordings_own_noise(snr_db, load, profile):
     rng = np.random.default_rng(11)
     emitter = NrEmitter(channel_bandwidth_hz=10e6, load=load, cell_id=7, frame_count=4)
     if profile:
-        emitter = FadedEmitter(emitter=emitter, channel=FadingChannel(profile=profile))
+        emitter = ImpairedEmitter(emitter=emitter, effects=Impairments(fading=FadingChannel(profile=profile)))
     heard = noisy(emitter.samples(300_000, RATE_HZ, rng), snr_db, rng)
     assert prefix_snr_db(heard, RATE_HZ) == pytest.approx(snr_db, abs=1.5)
 
@@ -152,7 +153,7 @@ def test_the_prefix_is_found_at_any_rate_and_two_antennas_are_one_signal():
     heard = noisy(NrEmitter().samples(200_000, 5.5e6, rng), 8.0, rng)
     assert prefix_snr_db(heard, 5.5e6) == pytest.approx(8.0, abs=1.0)
     # 8 dB over 15.36 MHz; the carrier has 9.36 MHz of it
-    pair = make_recording.heard(2, 0.5, 8.0, seed=3)
+    pair = make_recording.received(2, 0.5, 8.0, seed=3)
     assert prefix_snr_db(pair, make_recording.RATE_HZ) == pytest.approx(8.0, abs=1.0)
     assert prefix_snr_db(noisy(pair, 60.0, rng)[:600_000], make_recording.RATE_HZ) < MOST_DB
 
@@ -174,7 +175,7 @@ def test_the_command_makes_what_the_scene_names(tmp_path, monkeypatch, root, cap
     frame = interference_frame(scene.interference[0], 7500, RATE_HZ, np.random.default_rng(14))
     assert np.mean(np.abs(frame) ** 2) == pytest.approx(100.0)
     notes = scene.interference[0].emitter.notes(RATE_HZ)
-    # 8 dB over 15.36 MHz are 10.1 over the carrier's 9.36 MHz
+    # 8 dB over 15.36 MHz are 10.1 over the carrier's 9.36 MHz; the paths' gain in the radar's 7.5 MHz differs
     bound = re.search(r"OFDM ([\d.]+) dB above .* at most ([\d.]+) dB", notes[-1])
-    assert float(bound[1]) == pytest.approx(10.1, abs=1.0) and 0 < float(bound[2]) - float(bound[1]) < 1
+    assert float(bound[1]) == pytest.approx(10.1, abs=1.5) and 0 < float(bound[2]) - float(bound[1]) < 1
     assert any("SYNTHETIC" in note for note in notes)

@@ -83,7 +83,7 @@ def test_faa_mask_states_interference_to_noise_and_sir():
 def test_faa_mask_keeps_its_level_through_multipath():
     direct, heard = (
         parse_scene({"interference": {"faa_91_220": {"altitude_ft": 200} | more}}).interference[0]
-        for more in ({}, {"multipath": {}})
+        for more in ({}, {"fading": {}})
     )
     assert heard.sir_db == direct.sir_db
 

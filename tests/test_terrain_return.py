@@ -266,15 +266,6 @@ def test_below_ground_and_off_the_map_are_named(tmp_path):
     assert issubclass(TerrainError, ValueError) and issubclass(TrajectoryError, ValueError)
 
 
-def test_a_void_under_the_footprint_is_named(tmp_path):
-    elevation = np.full((1201, 1201), 200, np.int16)
-    elevation[600, 600] = -32767
-    scene = TerrainReturn(_hill_files(tmp_path, elevation), WAVE)
-    with pytest.raises(TerrainError, match="void"):
-        scene(AircraftState(0.0, 41.5, -87.5, 600.0))
-    assert scene(AircraftState(0.0, 41.7, -87.5, 600.0)).height_m == pytest.approx(400.0)
-
-
 def test_ranges_beyond_the_sweep_are_refused():
     with pytest.raises(ValueError, match=r"ranges of .* do not fit"):
         synthesise(WAVE, np.ones(1), np.array([50e3]), np.zeros(1))

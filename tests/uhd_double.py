@@ -45,12 +45,10 @@ class Air:
         sensors: tuple[str, ...] = ("lo_locked",),
         deaf: frozenset[str] = frozenset(),
         event: str = "underflow",
-        serials: tuple[str, ...] = ("R", "J"),
     ) -> None:
         """``master_clock_hz`` None is the one asked for; ``deaf`` devices receive noise alone; ``event`` is the message
         of each transmitter at its start."""
         self.mboard_id, self.sensors, self.deaf, self.event = mboard_id, sensors, deaf, event
-        self.serials = serials
         self.calls: list[tuple] = []
         self.master_clock_hz, self.locks, self.gain = master_clock_hz, locks, gain
         self.ticking, self.slept, self.zero = ticking, 100.25, {}
@@ -241,5 +239,3 @@ def install(monkeypatch, air: Air) -> None:
     """Put the double in the place of gr-uhd's blocks."""
     monkeypatch.setattr(uhd, "usrp_sink", lambda *args: Sink(air, *args))
     monkeypatch.setattr(uhd, "usrp_source", lambda *args: Source(air, *args))
-    found = [uhd.device_addr(f"type=b200,serial={serial}") for serial in air.serials]
-    monkeypatch.setattr(uhd, "find", lambda hint: found)

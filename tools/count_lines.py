@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 """Lines of Python in the package, in the tests and in training with tools; `make count`. Exits with 1 above a ceiling.
 
-A ceiling is the count when it was last lowered: it only falls, to the target. `--lower` sets it to today's counts.
+A ceiling is the count when it was last lowered: it only falls, to the target.
 """
 
+import argparse
 import re
-import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-CEILINGS = {"python": 45126, "tests": 21619, "training tools": 7608}
+CEILINGS = {"python": 44746, "tests": 21436, "training tools": 7464}
 TARGETS = {"python": 38000, "tests": 18500, "training tools": 6500}
 
 
@@ -20,12 +20,17 @@ def counts() -> dict[str, int]:
 
 
 if __name__ == "__main__":
-    for folders, count in counts().items():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--lower", action="store_true", help="set the ceilings to the counts that are below them"
+    )
+    lower, found = parser.parse_args().lower, counts()
+    for folders, count in found.items():
         print(f"{count:6} lines in {folders}: at most {CEILINGS[folders]}, target {TARGETS[folders]}")
-    if "--lower" in sys.argv:
-        text, file = Path(__file__).read_text(encoding="utf-8"), Path(__file__)
-        lower = {folders: min(CEILINGS[folders], count) for folders, count in counts().items()}
-        line = f"CEILINGS = {lower}".replace("'", '"')
-        file.write_text(re.sub(r"^CEILINGS = .*$", line, text, flags=re.MULTILINE), encoding="utf-8")
-    else:
-        raise SystemExit(any(count > CEILINGS[folders] for folders, count in counts().items()))
+    if lower:
+        fallen = str({f: min(CEILINGS[f], count) for f, count in found.items()}).replace("'", '"')
+        text = Path(__file__).read_text(encoding="utf-8")
+        Path(__file__).write_text(
+            re.sub(r"(?m)^CEILINGS = .*$", f"CEILINGS = {fallen}", text), encoding="utf-8"
+        )
+    raise SystemExit(any(count > CEILINGS[folders] for folders, count in found.items()))

@@ -223,11 +223,10 @@ def page() -> str:
         "A mapping of one emitter, or a list of several. Each also takes these keys:",
         "",
     ]
-    out += [TOP, *rows(Interferer, ("interference", "qpsk"), frozenset({"emitter", "channel", "multipath"}))]
+    out += [TOP, *rows(Interferer, ("interference", "qpsk"), frozenset({"emitter", "channel"}))]
     out += [
         "",
-        "`multipath: {profile, delay_spread_s, doppler_hz}` as in [Interference](interference.md), drawn anew for",
-        "every frame, and these effects, off where a scene does not name them:",
+        "And these effects, off where a scene does not name them:",
         "",
         TOP,
         *rows(Impairments, ("interference", "tones")),

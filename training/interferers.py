@@ -9,11 +9,12 @@ import numpy as np
 from configs import SceneConfig
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frame
+from radalt.core.interference.effects import ImpairedEmitter, Impairments
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.interference.evm import TYPICAL
-from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.multipath import FadingChannel
 from radalt.core.interference.placement import Emitter
 from radalt.core.waveform import Waveform
 
@@ -124,7 +125,9 @@ class _Received:
         doppler_hz = float(rng.choice([0.0, rng.uniform(0.0, _DOPPLER_HZ)]))
         channel = FadingChannel(profile=profile, doppler_hz=doppler_hz)
         spectrum = np.fft.fft(
-            FadedEmitter(emitter=self.emitter, channel=channel).samples(count, rate_hz, rng)
+            ImpairedEmitter(emitter=self.emitter, effects=Impairments(fading=channel)).samples(
+                count, rate_hz, rng
+            )
         )
         frequency = np.fft.fftfreq(count)
         edge = rng.uniform(*_FILTER_EDGE)

@@ -58,8 +58,8 @@ def run(entry: Entry, frames: Frames) -> Outcome:
         cleaned, batch = np.empty_like(frames.samples), method_class(entry.method).batch
         for first in range(0, len(cleaned), batch):
             part = slice(first, first + batch)
-            method.process_into(frames.samples[part], cleaned[part])
-    spectra = altimeter.spectra(cleaned)
+            method.process_into(frames.samples[part], cleaned[part], frames.quality[part])
+    spectra = altimeter.spectra(cleaned, frames.quality)
     results = altimeter.detect(spectra, timing_offset_s=frames.offset_s, frame_index=frames.index)[
         frames.trial
     ]

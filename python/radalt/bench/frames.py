@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..core.receiver.frame_quality import FrameQuality
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
 from ..evaluation.simulation import segmented
@@ -19,6 +20,7 @@ class Frames:
     ----------
     scene : Scene
     samples : (n, N) complex64
+    quality : (n,) of QUALITY_DTYPE
     index : (n,) int
         Frame numbers.
     offset_s : (n,) float
@@ -32,6 +34,7 @@ class Frames:
 
     scene: Scene
     samples: np.ndarray
+    quality: np.ndarray
     index: np.ndarray
     offset_s: np.ndarray
     trial: np.ndarray
@@ -51,9 +54,11 @@ def frames_of(case: Case, sir_db: float | None) -> Frames:
         raise RuntimeError(
             f"{case.name}: no frame was segmented; look at channel.start_offset_samples and the SNR"
         )
+    samples = np.stack([frame.samples for frame in kept])
     return Frames(
         scene=scene,
-        samples=np.stack([frame.samples for frame in kept]),
+        samples=samples,
+        quality=FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(samples),
         index=index,
         offset_s=np.array([frame.offset_s for frame in kept]),
         trial=trial,

@@ -57,12 +57,15 @@ def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001
 
 def read_quality(block, count: int) -> np.ndarray | None:  # noqa: ANN001
     """(count,) quality of the next frames of input 0 by their tags; None where one has no tag."""
-    values = read_frame_tags(block, count)
-    if np.isnan(values[:, 0]).any():
-        return None
-    quality = np.empty(count, dtype=QUALITY_DTYPE)
+    tags = read_frame_tags(block, count)
+    return None if np.isnan(tags[:, 0]).any() else quality_of(tags)
+
+
+def quality_of(tags: np.ndarray) -> np.ndarray:
+    """(count,) quality of frames by their tags (`read_frame_tags`); NaN where one has none."""
+    quality = np.empty(len(tags), dtype=QUALITY_DTYPE)
     for column, name in enumerate(_QUALITIES, 4):
-        quality[name] = values[:, column]
+        quality[name] = tags[:, column]
     return quality
 
 

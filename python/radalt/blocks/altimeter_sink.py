@@ -10,7 +10,7 @@ from ..core.radio.control import MAX_REQUEST_BYTES
 from ..core.radio.endpoint import check_endpoint
 from ..core.receiver.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.scene import Scene
-from ._frames import read_frame_tags
+from ._frames import quality_of, read_frame_tags
 from ._guard import guarded
 from ._results import Ring, json_text, result_fields
 from ._zmq import BoundSocket
@@ -114,7 +114,7 @@ class altimeter_sink(gr.sync_block):
         absent = np.isnan(tags)
         index = np.where(absent[:, 0], -1, tags[:, 0]).astype(np.int64)
         offset_s = np.where(absent[:, 2], 0.0, tags[:, 2])
-        spectra = self.altimeter.spectra(frames)
+        spectra = self.altimeter.spectra(frames, quality_of(tags))
         results = self.altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index)
         truth = tags[:, 3]
         if absent[:, 3].any():

@@ -103,7 +103,9 @@ class altitude_tracker(altimeter_sink):
             spectra,
             frame_index=index.astype(np.int64) if known else None,
             timing_offset_s=np.nan_to_num(tags[:, 2]),
-            received=None if self._received is None else self.altimeter.spectra(self._received),
+            received=None
+            if self._received is None
+            else self.altimeter.spectra(self._received, spectra.quality),
         )
         self._outputs.append(outputs)
         for output in outputs:

@@ -103,10 +103,8 @@ class _Path:
         self._results: list[np.ndarray] = []
         self.name = method
 
-    def take(
-        self, frames: np.ndarray, quality: np.ndarray | None, index: np.ndarray, offset_s: np.ndarray
-    ) -> None:
-        """Process and measure (n, N) frames of a quality that only methods need."""
+    def take(self, frames: np.ndarray, quality: np.ndarray, index: np.ndarray, offset_s: np.ndarray) -> None:
+        """Process and measure (n, N) frames of a known quality."""
         cleaned = frames
         if self._method is not None:
             cleaned = np.empty_like(frames)
@@ -116,7 +114,7 @@ class _Path:
                 self._method.process_into(frames[span], cleaned[span], quality[span])
                 count = len(frames[span])
                 self._milliseconds += [(time.thread_time_ns() - begin) * 1e-6 / count] * count
-        spectra = self._altimeter.spectra(cleaned)
+        spectra = self._altimeter.spectra(cleaned, quality)
         self._results.append(self._altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index))
 
     def results(self) -> np.ndarray:
@@ -139,7 +137,6 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
     paths = [_Path(scene, method) for method in methods]
     segmenter = segmenter_of(scene)
     examine = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)
-    needed = any(path.name != METHODS["none"].name for path in paths)
     with _one_blas_thread():
         for frames in segmented(scene, segmenter):
             if not frames:
@@ -147,7 +144,7 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
             samples = np.stack([frame.samples for frame in frames])
             index = np.array([frame.index for frame in frames])
             offset_s = np.array([frame.offset_s for frame in frames])
-            quality = examine(samples) if needed else None
+            quality = examine(samples)
             for path in paths:
                 path.take(samples, quality, index, offset_s)
     signal_s = (scene.altitude.programme.total_frames + TAIL_FRAMES) * scene.waveform.sweep_s

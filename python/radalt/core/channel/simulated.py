@@ -111,7 +111,7 @@ class SimulatedChannel:
                 f"{limit_hz:g} Hz"
             )
         rng = np.random.default_rng([self.seed, 0xFAD])
-        return channel.gains((), frames + 8, 1.0 / self.waveform.sweep_s, rng)
+        return channel.draw(rng).gains(np.arange(frames + 8) * self.waveform.sweep_s).T
 
     def _draw_gaps(self, frames: int) -> list[tuple[int, int]]:
         """Sorted (first sample, length) of lost samples, clear of the first 20 frames and of each other."""

@@ -17,7 +17,7 @@ from ..parsing import build, check_range, plain
 from ..waveform import exp_cycles
 from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
-from .multipath import FadedEmitter, FadingChannel, faded
+from .multipath import FadingChannel
 from .placement import Emitter
 from .transmission import InFrames, Signal, begin, in_drawn_blocks
 
@@ -328,7 +328,7 @@ def _delays(channel: FadingChannel, rate_hz: float, size: int) -> np.ndarray:
 
 
 def impaired(emitter: Emitter, data: dict[str, Any], where: str) -> Emitter:
-    """The emitter with the impairments and the multipath named in an interferer's mapping; unchanged without any.
+    """The emitter with the impairments named in an interferer's mapping; unchanged without any.
 
     Raises
     ------
@@ -336,22 +336,11 @@ def impaired(emitter: Emitter, data: dict[str, Any], where: str) -> Emitter:
         One line with key, value and what is allowed.
     """
     named = {key: data[key] for key in KEYS if data.get(key) is not None}
-    multipath = data.get("multipath")
-    if multipath is not None and "fading" in named:
-        raise ValueError(
-            f"{where} has multipath and fading; give one: fading is continuous from frame to frame"
-        )
-    if named:
-        emitter = ImpairedEmitter(emitter=emitter, effects=build(Impairments, named, where))
-    return emitter if multipath is None else faded(emitter, multipath, f"{where}.multipath")
+    return ImpairedEmitter(emitter=emitter, effects=build(Impairments, named, where)) if named else emitter
 
 
 def parts(emitter: Emitter) -> tuple[Emitter, dict[str, Any]]:
     """The ideal emitter, and the impairments as plain mappings: the arguments of `impaired`."""
-    keys: dict[str, Any] = {}
-    if isinstance(emitter, FadedEmitter):
-        keys["multipath"], emitter = plain(emitter.channel), emitter.emitter
-    if isinstance(emitter, ImpairedEmitter):
-        keys |= {key: value for key, value in plain(emitter.effects).items() if value is not None}
-        emitter = emitter.emitter
-    return emitter, keys
+    if not isinstance(emitter, ImpairedEmitter):
+        return emitter, {}
+    return emitter.emitter, {key: value for key, value in plain(emitter.effects).items() if value is not None}

@@ -2,25 +2,19 @@
 
 Profiles: TDL-A..E of 3GPP TR 38.901 (Tables 7.7.2-1 to -5, delays normalised to a delay spread). With fixed delays:
 EPA, EVA, ETU of 3GPP TS 36.104 Annex B.2, PA (Pedestrian A) of ITU-R M.1225 Table 3, and RA4 (rural area, four paths,
-all Rayleigh here) of 3GPP TS 45.005 Annex C.3.1. Delays are applied in the frequency domain, so they need not be whole
-samples. Mean channel power is 1 over the ensemble of draws.
+all Rayleigh here) of 3GPP TS 45.005 Annex C.3.1. Mean channel power is 1 over the ensemble of draws.
 """
 
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
-from scipy.fft import next_fast_len
 
-from ..parsing import LARGEST, build, check_range
-from ..waveform import exp_cycles, sum_of_waves
-from .emitters import NamedEmitter
-from .placement import Emitter
+from ..parsing import LARGEST, check_range
+from ..waveform import exp_cycles
 
 _LOS_DOPPLER = 0.7  # Doppler of the line of sight over the maximum, TR 38.901 clause 7.7.2
 _WAVES = 32  # plane waves per tap: with Gaussian weights, the tap is exactly Gaussian for any number
-_GUARD_SAMPLES = 64  # guard for the tails of fractional delays, samples: they fall as 1/n, to -45 dB
 
 
 @dataclass(frozen=True)
@@ -99,7 +93,7 @@ def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class FadingChannel:
-    """Random multipath channel, one independent draw per frame.
+    """Random multipath channel; `draw` gives one of its draws, which is defined at any time.
 
     y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant
     line of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the
@@ -120,7 +114,8 @@ class FadingChannel:
     Example
     -------
     >>> channel = FadingChannel(profile="TDL-C", delay_spread_s=300e-9, doppler_hz=900.0)
-    >>> faded = channel.apply(np.ones((4, 7500), complex), 7.5e6, np.random.default_rng(1))
+    >>> channel.draw(np.random.default_rng(1)).gains(np.arange(4) * 1e-3).shape
+    (4, 24)
     """
 
     profile: str = "TDL-C"
@@ -156,25 +151,6 @@ class FadingChannel:
         """Power of the line of sight at delay 0."""
         return float(self._taps[2])
 
-    def gains(
-        self, shape: tuple[int, ...], count: int, rate_hz: float, rng: np.random.Generator
-    ) -> np.ndarray:
-        """Tap gains (*shape, taps, count) complex128 at times n / rate_hz, line of sight in tap 0."""
-        size = (*shape, self.powers.size)
-        if self.doppler_hz == 0.0:
-            gains = _gaussian(size, rng)[..., None] * np.ones(count)
-        else:
-            weights = _gaussian((*size, _WAVES), rng) / np.sqrt(_WAVES)
-            # Clarke: waves from directions that are uniform in angle (isotropic scattering in the plane).
-            step_cycles = self.doppler_hz / rate_hz * np.cos(2 * np.pi * rng.random((*size, _WAVES)))
-            gains = sum_of_waves(weights, step_cycles, count)
-        gains *= np.sqrt(self.powers)[:, None]
-        if self.los_power:
-            moved = _LOS_DOPPLER * self.doppler_hz / rate_hz * np.arange(count)
-            cycles = rng.random(shape)[..., None] + moved
-            gains[..., 0, :] += np.sqrt(self.los_power) * exp_cycles(cycles, np.complex128)
-        return gains
-
     def draw(self, rng: np.random.Generator) -> "Paths":
         """One draw of the channel; its gains are defined at any time."""
         waves = _WAVES if self.doppler_hz else 1
@@ -183,52 +159,6 @@ class FadingChannel:
         wave_hz = self.doppler_hz * np.cos(2 * np.pi * rng.random(shape))
         sight = np.sqrt(self.los_power) * np.exp(2j * np.pi * rng.random())
         return Paths(weights, wave_hz, sight, _LOS_DOPPLER * self.doppler_hz)
-
-    def apply(
-        self, frames: np.ndarray, rate_hz: float, rng: np.random.Generator, *, periodic: bool = False
-    ) -> np.ndarray:
-        """Pass frames through independent draws of the channel.
-
-        Parameters
-        ----------
-        frames : complex (..., N) at `rate_hz`; every leading index gets its own draw
-        periodic : True repeats the frame before its start (exact for a band-limited, sweep-periodic return);
-            False takes it as zero before its start (a burst)
-
-        Returns
-        -------
-        complex128 (..., N); its mean power over many draws is that of `frames` (less what leaves the frame).
-
-        Raises
-        ------
-        ValueError
-            If `rate_hz` is not positive or `frames` is empty.
-        """
-        frames = np.asarray(frames)
-        if not rate_hz > 0:
-            raise ValueError(f"rate_hz {rate_hz!r} has to be above 0; give the complex sample rate")
-        if frames.ndim == 0 or frames.size == 0:
-            raise ValueError(f"frames of shape {frames.shape} hold no samples; give (..., N) with N >= 1")
-        count = frames.shape[-1]
-        tail = int(np.ceil(self.delays_s.max() * rate_hz)) + _GUARD_SAMPLES
-        length = count if periodic else next_fast_len(count + tail)
-        spectrum = np.fft.fft(frames, length, axis=-1)
-        # each delay is a wave along the frequency axis, from the lowest frequency on
-        step_cycles = -self.delays_s * (rate_hz / length)
-        lowest = exp_cycles(-(length // 2) * step_cycles, np.complex128)
-
-        def response(weights: np.ndarray, steps: np.ndarray) -> np.ndarray:
-            return np.fft.ifftshift(sum_of_waves(weights, steps, length), axes=-1)
-
-        if self.doppler_hz == 0.0:
-            gains = self.gains(frames.shape[:-1], 1, rate_hz, rng)[..., 0]
-            return np.fft.ifft(spectrum * response(gains * lowest, step_cycles), axis=-1)[..., :count]
-        gains = self.gains(frames.shape[:-1], count, rate_hz, rng)
-        faded = np.zeros(frames.shape, dtype=np.complex128)
-        for tap, (first, step) in enumerate(zip(lowest, step_cycles, strict=True)):
-            delayed = response(first[None], step[None])
-            faded += gains[..., tap, :] * np.fft.ifft(spectrum * delayed, axis=-1)[..., :count]
-        return faded
 
 
 @dataclass(frozen=True)
@@ -250,45 +180,3 @@ class Paths:
         gains = np.einsum("ntw,tw->nt", waves, self.weights)
         gains[:, 0] += self.sight * exp_cycles(seconds * self.sight_hz, np.complex128)
         return gains
-
-
-@dataclass(frozen=True, kw_only=True)
-class FadedEmitter(NamedEmitter):
-    """An emitter behind a multipath channel: emitter protocol, long-run mean power 1.
-
-    The window is cut from a longer one, so that it contains the echoes of earlier samples.
-
-    >>> FadedEmitter(emitter=NrEmitter(), channel=FadingChannel(profile="EVA"))  # doctest: +SKIP
-    """
-
-    emitter: Emitter
-    channel: FadingChannel
-
-    @property
-    def label(self) -> str:
-        """See `NamedEmitter.label`: with the profile."""
-        return f"{self.emitter.label}_{self.channel.profile}"
-
-    def title(self, band_hz: float) -> str:
-        """See `NamedEmitter.title`."""
-        return f"{self.emitter.title(band_hz)} through {self.channel.profile}"
-
-    @property
-    def stated_sir_db(self) -> float | None:
-        """Level by the emitter's link budget; the channel does not change it."""
-        return self.emitter.stated_sir_db
-
-    def notes(self, rate_hz: float) -> tuple[str, ...]:
-        """Notes of the emitter itself."""
-        return self.emitter.notes(rate_hz)
-
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """(count,) complex128 at `rate_hz`; see `Emitter`."""
-        lead = int(np.ceil(self.channel.delays_s.max() * rate_hz)) + _GUARD_SAMPLES
-        sent = self.emitter.samples(count + lead + _GUARD_SAMPLES, rate_hz, rng)
-        return self.channel.apply(sent, rate_hz, rng)[lead : lead + count]
-
-
-def faded(emitter: Emitter, data: Any, where: str) -> FadedEmitter:
-    """The emitter behind a multipath channel (`FadingChannel`) given as a mapping."""
-    return FadedEmitter(emitter=emitter, channel=build(FadingChannel, data, where))

@@ -121,11 +121,12 @@ class Mitigation(ABC):
         quality = self.frame_quality(frames) if quality is None else quality
         self.frames += len(frames)
         finite = np.isfinite(quality["peak"])
-        cleaned = finite & ~quality["beyond_span"]
+        beyond = quality["beyond"] >= 1.0
+        cleaned = finite & ~beyond
         if cleaned.all():
             self._clean_each(frames, out, quality)
             return
-        self.beyond_frames += int(np.count_nonzero(quality["beyond_span"]))
+        self.beyond_frames += int(np.count_nonzero(beyond))
         out[:] = np.where(finite[:, None], frames, np.complex64(np.nan))
         if cleaned.any():
             part = frames[cleaned]

@@ -1,4 +1,4 @@
-"""Measures of the path from received samples: power, clipping, lines, flatness, IQ image, duty cycle of bursts.
+"""Measures of the path from received samples: power, clipping, lines, flatness.
 
 Powers are relative to full scale: a complex sample of magnitude 1 is 0 dBFS. NaN stands for missing samples.
 """
@@ -10,8 +10,6 @@ from ..waveform import Waveform
 _RAIL = 0.998  # share of full scale that counts as clipped: a 12-bit converter ends at 2047 / 2048
 _INNER = 0.8  # share of the band that is measured; beyond it the radios' half-band filters roll off
 _PIECES = 30  # pieces of the band in which the flatness is averaged
-_SMOOTH = 75  # length of the envelope's running mean, samples: some symbols of any interferer
-_BURST = 0.1  # share of the burst's power above which the burst counts as on
 
 
 def db(power: float) -> float:
@@ -42,13 +40,10 @@ def strongest_lines(frames: np.ndarray, rate_hz: float) -> tuple[float, float, f
     return db(dc), db(power.max()), float(np.fft.fftfreq(n)[power.argmax()] * rate_hz)
 
 
-def ripple_and_image(
-    waveform: Waveform, sweeps: np.ndarray, delay_samples: float, first: int = 0
-) -> tuple[float, float]:
-    """Flatness (peak to peak, dB, over the inner 80 % of the band) and IQ image (dBc) of a received sweep.
+def ripple_db(waveform: Waveform, sweeps: np.ndarray, delay_samples: float, first: int = 0) -> float:
+    """Flatness of a received sweep, peak to peak over the inner 80 % of the band, dB.
 
-    The sweep's frequency is a function of time, so its power over time is the path's response. The image is the
-    conjugate sweep, fitted by least squares beside the sweep and a constant.
+    The sweep's frequency is a function of time, so its power over time is the path's response.
 
     Parameters
     ----------
@@ -63,23 +58,13 @@ def ripple_and_image(
     rotation = np.conj(waveform.frame_rotation(np.arange(first, first + len(sweeps))))
     sweep = (sweeps * rotation[:, None]).mean(axis=0)
     if not np.isfinite(sweep).all():
-        return np.nan, np.nan
+        return np.nan
     w = waveform
     time_s = np.mod(w.sample_times_s - delay_samples / w.rate_hz, w.sweep_s)
-    sent = np.exp(2j * np.pi * w.phase_cycles(time_s))
-    parts = np.stack([sent, np.conj(sent), np.ones_like(sent)], axis=1)
-    direct, image, _ = np.linalg.lstsq(parts, sweep.astype(complex), rcond=None)[0]
     hz = w.slope_hz_per_s * np.minimum(time_s, w.sweep_s - time_s) - w.centered * w.bandwidth_hz / 2
     band = np.mod(hz / w.rate_hz + 0.5, 1.0)
     inner = np.abs(band - 0.5) < _INNER / 2
     piece = np.floor(band[inner] * _PIECES).astype(int)
     count = np.bincount(piece)
     levels = np.bincount(piece, np.abs(sweep[inner]) ** 2)[count > 0] / count[count > 0]
-    return float(np.ptp(10 * np.log10(levels))), 2 * db(abs(image) / abs(direct))
-
-
-def burst_share(samples: np.ndarray, noise: float) -> float:
-    """Share of the time in which a burst is on; ``noise`` is the mean power without it."""
-    power = np.abs(np.nan_to_num(samples)) ** 2
-    envelope = np.convolve(power, np.full(_SMOOTH, 1.0 / _SMOOTH), "same") - noise
-    return float(np.mean(envelope > _BURST * np.percentile(envelope, 90)))
+    return float(np.ptp(10 * np.log10(levels)))

@@ -255,7 +255,7 @@ class Altimeter(BeatSpectra):
             self.settings.strategy == "strongest"
         ):  # of spread ground the edge may lie within, and the peak beyond
             declared = np.nonzero(ok & inside)[0]
-            inside[declared] = self.beyond(spectra, declared) < 1.0
+            inside[declared] = self.beyond(spectra, declared, least=1.0) < 1.0
         reason = np.where(ok & ~inside, Reason.OUT_OF_RANGE, found.reason)
         ok &= inside
         out["altitude_m"] = out["forced_altitude_m"] = altitude

@@ -24,13 +24,16 @@ from .cfar import support_of
 from .decimator import Decimator
 
 SHAPE_POINTS = 1 << 15
-_MOST_BLIND = 0.1  # largest blind part over the half sweep
 _CLOSE = 0.01  # cycles that a return may be off its beat's phase at the beginning of a half sweep
-_LARGEST_HEAD = 1 << 22  # entries of the table that leaves out each cell's own delay: 32 MB
+# Entries of the table that leaves out each cell's own delay: 8 MB, which costs 30 FFTs a frame.
+_LARGEST_HEAD = 1 << 20
 _SOFT = 0.05  # singular values below this share of the largest only sharpen the edge of what is left out
 # Spectral cells per resolution cell: two lose 0.9 dB to straddling, and beside a grating lobe the decision with it
 # (5 MHz NR at -60 dB behind the network: 0.84 of forced altitudes right with two, 1.00 with four).
 _OVERSAMPLING = 4.0
+# Share of its energy that a frame has left at least where a line beyond the span is found: half a cell off, and by its
+# other slope, a line shows less than it has (tests/test_beyond_span.py).
+_ROOM = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class Spectra:
     frames, cells : (n, N), (n, 2, J) complex64 or None
         What they are of, for `BeatSpectra.beyond`, and their roots of power with phase; None of spectra that are no
         single frame's.
+    quality : (n,) of `QUALITY_DTYPE` or None
+        Of the received frames, where that is known.
     """
 
     power: np.ndarray
@@ -58,6 +63,7 @@ class Spectra:
     scale: np.ndarray
     frames: np.ndarray | None = None
     cells: np.ndarray | None = None
+    quality: np.ndarray | None = None
 
 
 class BeatSpectra:
@@ -149,8 +155,7 @@ class BeatSpectra:
         w = self.waveform
         limit_s = float(altitude_to_delay_s(self.settings.max_altitude_m))
         delay_s = np.clip(np.asarray(beat_hz) / w.slope_hz_per_s, 0.0, limit_s)
-        blind_s = np.clip(delay_s - np.sqrt(_CLOSE / w.slope_hz_per_s), 0.0, _MOST_BLIND * w.half_sweep_s)
-        return blind_s * w.rate_hz
+        return np.maximum(delay_s - np.sqrt(_CLOSE / w.slope_hz_per_s), 0.0) * w.rate_hz
 
     def _head_table(self) -> tuple[slice, slice, np.ndarray] | None:
         """What the blind part adds to each cell: H outputs of a half sweep, K cells, (H, K) complex64 weights.
@@ -177,8 +182,8 @@ class BeatSpectra:
         table = np.linalg.lstsq(responses, wanted, rcond=_SOFT)[0]
         return slice(first, last), slice(cells[0], cells[-1] + 1), table.astype(np.complex64)
 
-    def spectra(self, frames: np.ndarray) -> Spectra:
-        """Dechirp, decimate and transform ``(n, N)`` complex frames."""
+    def spectra(self, frames: np.ndarray, quality: np.ndarray | None = None) -> Spectra:
+        """Dechirp, decimate and transform (n, N) complex frames; ``quality`` is that of `Spectra`."""
         w = self.waveform
         frames = np.asarray(frames, dtype=np.complex64)
         if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
@@ -195,23 +200,31 @@ class BeatSpectra:
             power = cells.real**2
             power += cells.imag**2
             power *= self._equaliser
-        return Spectra(power, support, self.beat_hz, scale, frames, cells)
+        return Spectra(power, support, self.beat_hz, scale, frames, cells, quality)
 
-    def beyond(self, spectra: Spectra, at: np.ndarray) -> np.ndarray:
+    def beyond(self, spectra: Spectra, at: np.ndarray, least: float = WEAKEST) -> np.ndarray:
         """(k,) power of the strongest line beyond the span over that within it, of frames at (k,) places; 0 of none.
 
-        Searched for only where the energy of the frame beside its lines within the span leaves room for one.
+        As the received frame shows it. Where that hides it, it is searched for in the frame itself, if the energy
+        besides its lines within the span leaves room for one of the ``least`` ratio.
         """
         out = np.zeros(len(at))
         if spectra.frames is None:
             return out
-        within = spectra.power[at].max(axis=-1).sum(axis=-1) * spectra.scale[at].astype(float) ** 2
-        energy = (
-            np.array([np.vdot(frame, frame).real for frame in spectra.frames[at]])
-            / self.waveform.samples_per_half
-        )
-        room = energy > (1.0 + WEAKEST) * within
-        out[room] = self._beyond_span.ratio(spectra.frames[at[room]])
+        hidden = np.arange(len(at))
+        if spectra.quality is not None:
+            out[:] = spectra.quality["beyond"][at]
+            hidden = np.flatnonzero(np.isnan(out))
+        if hidden.size:
+            frames = spectra.frames[at[hidden]]
+            scale = spectra.scale[at[hidden]].astype(float) * self.decimation
+            within = spectra.power[at[hidden]].max(axis=-1).sum(axis=-1) * scale**2
+            energy = (
+                np.array([np.vdot(frame, frame).real for frame in frames]) / self.waveform.samples_per_half
+            )
+            room = energy > (1.0 + _ROOM * least) * within
+            out[hidden] = 0.0
+            out[hidden[room]] = np.nan_to_num(self._beyond_span.ratio(frames[room]))
         return out
 
     def _cells(self, low: np.ndarray) -> np.ndarray:

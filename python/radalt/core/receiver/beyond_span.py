@@ -79,7 +79,10 @@ class BeyondSpan:
         return self.ratio(frames) >= 1.0
 
     def ratio(self, frames: np.ndarray) -> np.ndarray:
-        """(n,) power of the strongest pair of lines beyond the span over that within; 0 below -10 dB, or of noise."""
+        """(n,) power of the strongest pair of lines beyond the span over that within; 0 below -10 dB.
+
+        NaN where neither stands out: of a frame of noise, or under interference.
+        """
         out = np.zeros(len(frames))
         if self._first < self._count - self._reach:  # else the span reaches up to Nyquist
             halves = frames.reshape(-1, 2, self._half)
@@ -118,7 +121,7 @@ class BeyondSpan:
             ratio = line / max(float(pair[: first - 2].max()), 1e-30)
             if ratio >= WEAKEST:
                 each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
-                out[k] = ratio if sum(each) > self._threshold and min(each) >= _FLOOR else 0.0
+                out[k] = ratio if sum(each) > self._threshold and min(each) >= _FLOOR else np.nan
 
     def _significance(self, power: np.ndarray, cell: int) -> float:
         """-log of the probability that noise as that around a cell reaches its power."""

@@ -8,8 +8,9 @@ from ..waveform import Waveform
 from .beyond_span import BeyondSpan
 
 # Fields of a frame's quality: ``peak`` is its largest rail value (not finite where the frame is not, 0 where it is
-# silent), ``beyond_span`` whether its strongest return lies beyond the span of altitudes (`BeyondSpan`).
-QUALITY_DTYPE = np.dtype([("peak", np.float32), ("beyond_span", bool)])
+# silent), ``beyond`` the power of its strongest return beyond the span of altitudes over that within it
+# (`BeyondSpan.ratio`; from 1 on nothing within the span is the ground), NaN where that is not known.
+QUALITY_DTYPE = np.dtype([("peak", np.float32), ("beyond", np.float64)])
 
 
 class FrameQuality:
@@ -25,7 +26,7 @@ class FrameQuality:
     --------
     >>> w = Waveform()
     >>> FrameQuality(w, 1500.0)(w.reference[None]).tolist()
-    [(1.0, False)]
+    [(1.0, 0.0)]
     """
 
     def __init__(self, waveform: Waveform, max_altitude_m: float) -> None:
@@ -34,14 +35,14 @@ class FrameQuality:
     def __call__(self, frames: np.ndarray) -> np.ndarray:
         """(n,) array of `QUALITY_DTYPE` of (n, N) complex64 frames."""
         quality = levels(frames)
-        quality["beyond_span"] = self._beyond_span(frames)
+        quality["beyond"] = self._beyond_span.ratio(frames)
         return quality
 
 
 def levels(frames: np.ndarray) -> np.ndarray:
     """(n,) array of `QUALITY_DTYPE` of (n, N) complex64 frames of which no span is known: their peaks alone."""
     quality = np.zeros(len(frames), dtype=QUALITY_DTYPE)
-    quality["peak"] = rail_peak(frames)[:, 0]
+    quality["peak"], quality["beyond"] = rail_peak(frames)[:, 0], np.nan
     return quality
 
 

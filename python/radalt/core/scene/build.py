@@ -53,7 +53,7 @@ def segmenter_of(scene: Scene, *, follow_programme: bool = True) -> FrameSegment
         scene.waveform,
         scene.altitude.programme if follow_programme else None,
         scene.segmenter,
-        max_altitude_m=top_m,
+        max_altitude_m=max(top_m, scene.reach_m),
         true_delay=scene.altitude.mode == "true_delay" or scene.altitude.drawn is not None,
         point_target=scene.return_model == "point",
         leakage=leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform),

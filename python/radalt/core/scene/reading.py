@@ -142,7 +142,7 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
-    others = (*_PLACEMENT, "multipath", *EFFECTS)
+    others = (*_PLACEMENT, *EFFECTS)
     own = {k: v for k, v in params.items() if k not in others}
     emitter = impaired(build(emitter_class(kind), own, path, also=others), params, path)
     stated_db = typing.cast(NamedEmitter, emitter).stated_sir_db

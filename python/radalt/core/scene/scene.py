@@ -162,16 +162,17 @@ class Scene:
         self._name_methods()
 
     @property
+    def reach_m(self) -> float:
+        """Farthest ground: the highest altitude; of terrain half as far again, beyond its nearest point."""
+        return max(self.altitude.programme.altitudes_m) * (1.5 if self.return_model == "terrain" else 1.0)
+
+    @property
     def altimeter_settings(self) -> AltimeterSettings:
         """Settings of the altimeter; an open search span is taken from the scene's altitudes."""
-        highest = max(self.altitude.programme.altitudes_m)
-        # terrain extends beyond its nearest point, and its range rate differs from the aircraft's
-        if self.return_model == "terrain":
-            return self.altimeter.resolved(self.waveform, highest_altitude_m=1.5 * highest)
+        # the range rate of terrain differs from the aircraft's
+        speed = None if self.return_model == "terrain" else self.altitude.fastest_m_per_s
         return self.altimeter.resolved(
-            self.waveform,
-            highest_altitude_m=highest,
-            vertical_speed_m_per_s=self.altitude.fastest_m_per_s,
+            self.waveform, highest_altitude_m=self.reach_m, vertical_speed_m_per_s=speed
         )
 
     @property

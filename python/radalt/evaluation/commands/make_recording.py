@@ -13,13 +13,18 @@ Radio instead, for the scene of its name: DVB-T, DVB-T2, ATSC, DVB-S2 or OFDM pa
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
+from ...core.interference.effects import ImpairedEmitter, Impairments
+from ...core.interference.emitters import NamedEmitter
 from ...core.interference.emitters.nr import frame_samples
 from ...core.interference.multipath import FadingChannel
 from ...core.interference.nr_config import NrConfig
+from ...core.interference.transmission import Signal
 from ..engine.options import MAX_SEED, Parser, check_ours, command, number, path
 from ..transmitters import TRANSMITTERS, transmit
 
@@ -36,7 +41,18 @@ SECONDS = 0.1  # length of a transmitter's recording
 DOWNLINK_SNR_DB = 8.0  # noise of the downlink: usual for a recording at the edge of a cell
 
 
-def heard(antennas: int, load: float, snr_db: float, seed: int) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class _Looped(NamedEmitter):
+    """Emitter that repeats its samples."""
+
+    unit_power: ClassVar[bool] = True
+    sent: np.ndarray
+
+    def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
+        return lambda first, count: self.sent.take(np.arange(first, first + count), mode="wrap")
+
+
+def received(antennas: int, load: float, snr_db: float, seed: int) -> np.ndarray:
     """(n,) complex128, mean power 1: antennas through independent channels (EVA), and noise."""
     rng = np.random.default_rng(seed)
     total = 0.0
@@ -51,7 +67,8 @@ def heard(antennas: int, load: float, snr_db: float, seed: int) -> np.ndarray:
         )
         sent = frame_samples(config)
         sent *= 10 ** (antenna * SECOND_DB / 20) / np.sqrt(np.mean(np.abs(sent) ** 2))
-        total = total + FadingChannel(profile="EVA").apply(sent[None], RATE_HZ, rng)[0]
+        path = Impairments(fading=FadingChannel(profile="EVA"))
+        total = total + ImpairedEmitter(emitter=_Looped(sent), effects=path).begin(RATE_HZ, rng)(0, sent.size)
     return noisy(total / np.sqrt(np.mean(np.abs(total) ** 2)), snr_db, rng)
 
 
@@ -130,7 +147,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     snr_db = args.snr_db
     if args.source == DOWNLINK:
         snr_db = DOWNLINK_SNR_DB if snr_db is None else snr_db
-        samples, rate_hz = heard(args.antennas, args.load, snr_db, args.seed), RATE_HZ
+        samples, rate_hz = received(args.antennas, args.load, snr_db, args.seed), RATE_HZ
         description = f"SYNTHETIC 10 MHz downlink, {args.antennas} antennas"
     else:
         one = TRANSMITTERS[args.source]

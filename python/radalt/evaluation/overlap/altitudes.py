@@ -19,7 +19,15 @@ _MOST_ALTITUDES, _BANDS = 30, 10  # above this number of altitudes (a landing) t
 _Z = 1.959964  # two-sided 95 % quantile of the normal distribution
 
 ALTITUDE_COLUMNS = Columns(
-    names=(*POINT, "altitude_low_m", "altitude_high_m", *SCORE_COLUMNS, *_WITHIN, "fourth_forced_m4"),
+    names=(
+        *POINT,
+        "altitude_low_m",
+        "altitude_high_m",
+        *SCORE_COLUMNS,
+        "pd_3pct",
+        *_WITHIN,
+        "fourth_forced_m4",
+    ),
     text=frozenset({"method", "interference"}),
     whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far", *_WITHIN}),
 )

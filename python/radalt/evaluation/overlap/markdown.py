@@ -120,8 +120,11 @@ def _altitude_tables(rows: Sequence[Row]) -> str:
         for low, high in sorted({key[:2] for key in known}):
             of = [known[low, high, method] for method in methods]
             name = f"{low:g}" if low == high else f"{low:g}{DASH}{high:g}"
-            lines.append([name, spread(of), *map(_pd, of)])
-        out += [f"### {title}", table(["altitude / m", "trials", *methods], lines)]
+            lines.append([name, spread(of), *map(_pd, of), *(number(r["pd_3pct"], 3) for r in of)])
+        out += [
+            f"### {title}",
+            table(["altitude / m", "trials", *methods, *(f"{m}, 5 m or 3 %" for m in methods)], lines),
+        ]
     return "\n\n".join(out)
 
 
@@ -134,9 +137,14 @@ def glance(rows: Sequence[Row]) -> str:
         for _, mine in split:
             total = pool([r for r in mine if r["method"] == method])
             wrong = total.wrong / total.trials if total.trials else 0.0
-            cells += [number(total.pd, 3), f"{wrong:.4f}", f"{total.wrong_bound:.4f}"]
+            cells += [
+                number(total.pd, 3),
+                number(total.pd_3pct, 3),
+                f"{wrong:.4f}",
+                f"{total.wrong_bound:.4f}",
+            ]
         lines.append([method, *cells])
-    header = [f"{name}, {title}" for title, _ in split for name in ("Pd", "wrong", "bound")]
+    header = [f"{name}, {title}" for title, _ in split for name in ("Pd", "5 m or 3 %", "wrong", "bound")]
     return table(["method", *header], lines)
 
 

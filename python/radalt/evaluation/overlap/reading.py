@@ -113,6 +113,7 @@ def _problem(row: Any) -> str:
     """First invalid value of a row; empty without any."""
     if not isinstance(row, dict):
         return "it is no mapping"
+    row.setdefault("pd_3pct", None)  # reports of 0.3.0 do not have it
     for name in COLUMNS.names:
         if name not in row:
             return f"it has no {name}"

@@ -20,7 +20,7 @@ COLUMNS = Columns(
         *("trials", "detections", "correct", "pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m"),
         *("bias_m", "forced", "frames_lost", *COUNTERS, "seed"),
         *("ms_per_frame_median", "ms_per_frame_p99", "real_time_factor", "wrong_far", "wrong_bound"),
-        "peak_to_sidelobe_db",
+        *("peak_to_sidelobe_db", "pd_3pct"),
     ),
     text=frozenset({"source", "method", "interference"}),
     whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})

@@ -1,13 +1,16 @@
-"""The first hour on two radios: the bench, and the order of its steps with a verdict and a likely cause for each check.
+"""The first hour on two radios: a checklist over the set-up, the flowgraph and the altimeter, each check with a limit.
 
-`Bench.fly` flies a short programme by `run_hardware`, with its interlock and gates before every transmitter, or in
-simulation. Titles, limits and causes are in first_light.yaml, measurements in `first_light_steps`.
+Limits are from data sheets and from what the altimeter needs. Powers in dBFS count a complex sample of magnitude 1 as
+0 dB. `Bench.fly` flies a short programme by `run_hardware`, with its interlock and gates, or in simulation.
 """
 
+import csv
 import dataclasses
+import io
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,34 +18,56 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.channel.settings import ChannelSettings
-from ...core.parsing import load_yaml
 from ...core.radio.interlock import require_enclosure
 from ...core.radio.levels import drive
-from ...core.radio.recording import Stretch, open_capture, write_metadata
-from ...core.scene import Scene
+from ...core.radio.path_measures import (
+    clipped_percent,
+    db,
+    mean_power,
+    ripple_db,
+    strongest_lines,
+)
+from ...core.radio.recording import open_capture
+from ...core.scene import Scene, scene_to_mapping
 from ...core.text import said
 from ..engine.options import EXPECTED
 from ..flowgraph.rewrite import RADAR_GATE
-from ..results.folder import writing
+from ..results.folder import FolderError, RunFolder, versions
+from ..results.page import write_pages
+from ..results.score import score
+from ..results.table import table
 from ..simulation import TAIL_FRAMES, PointResult, found_latency, received, run_chain
 
-_DATA = load_yaml(Path(__file__).with_suffix(".yaml"), what="steps")
-STEPS: dict[str, dict[str, Any]] = _DATA["steps"]
-CABLING: str = _DATA["cabling"]
+CABLING = """
+     radar radio                                        jammer radio
+    +------------+                                     +-------------+
+    |      TX/RX |--[ A dB ]--+           +--[ A dB ]--| TX/RX       |
+    |            |        +---+-----------+---+        |             |
+    |            |        |     combiner      |        |             |
+    |            |        +---------+---------+        |             |
+    |        RX2 |------------------+                  | RX2: 50 ohm |
+    +------------+                                     +-------------+
+    A: radio.attenuation_db of the scene less the combiner's loss, rated for the transmit power; measure it first.
+    clock_source external: 10 MHz and PPS to both. Without jammer: TX/RX --[ A dB ]-- RX2. Above -15 dBm RX2 is damaged.
+"""
 _LATENCY = 150.3  # samples, of the simulated bench: with a fraction, as on a real one
+_LISTENED = 40  # frames with every transmitter off
+_ALTITUDES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 1500.0)
+_OVERLAPS, _METHODS = (0.25, 0.5, 1.0), ("none", "whitening", "tcae")
+_SLOW_HOST = "USB or host too slow: another port, no hub, CPU governor performance"
+_LEVEL = "below: more attenuation than stated, or too little gain; above: too much of it"
 
 
-@dataclass(frozen=True)
-class Check:
-    """One measured value with its limits and the likely cause of one beyond them; without a value it was skipped."""
+class Check(NamedTuple):
+    """One measured value with its unit, its limits and the likely cause of one beyond them; None: skipped."""
 
-    step: str
     what: str
     value: float | None
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
     cause: str = ""
+    step: str = ""
 
     @property
     def verdict(self) -> str:
@@ -63,19 +88,6 @@ class Check:
         return "-" if self.value is None else f"{self.value:.4g} {self.unit}".strip()
 
 
-class Measured(NamedTuple):
-    """What a step yields: a check's key in first_light.yaml, its value, and what is not in that file."""
-
-    key: str
-    value: float | None
-    detail: str = ""
-    cause: str = ""
-    low: float | None = None
-
-
-Measure = Callable[["Bench"], Iterable[Measured]]
-
-
 @dataclass(frozen=True)
 class Flight:
     """A programme that was flown: (n,) complex64 ``samples`` by the sample counter, full scale 1, NaN where lost."""
@@ -94,10 +106,10 @@ class Flight:
 
 @dataclass
 class Bench:
-    """Two radios and what is between them, or their simulation; recordings go below ``folder``.
+    """Two radios and what is between them, or their simulation; radios' recordings go to ``folder``/captures.
 
     ``frames`` at each altitude, ``starts`` whose latencies are compared, ``minutes`` of the last step. Found by steps:
-    ``known``, powers ``noise`` and ``level`` (full scale 1) and ``latency`` in samples; ``serials`` of radios.
+    ``known``, powers ``noise`` and ``level`` (full scale 1) and ``latency`` in samples.
     """
 
     scene: Scene
@@ -110,7 +122,6 @@ class Bench:
     log: Callable[[str], None] = print
     sleep: Callable[[float], None] = time.sleep
     known: dict[str, float] = field(default_factory=dict)
-    serials: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         require_enclosure(self.scene, self.transmit, radios=not self.simulated)
@@ -142,67 +153,44 @@ class Bench:
         silent: Collection[str] = (),
         time_limit_s: float = 300.0,
     ) -> Flight:
-        """Fly a programme once. ``capture`` names the recording that is kept; ``silent`` gates send zeros."""
+        """Fly a programme once; with ``capture`` the flight has its samples. ``silent`` gates send zeros."""
         samples = np.empty(0, np.complex64)
         if self.simulated:
             sends = RADAR_GATE not in silent
             result = run_chain(scene, methods if sends else ())
-            latency = found_latency(scene) if sends else math.nan
-            samples = simulated_samples(scene, radar_sends=sends) if capture else samples
-        else:
-            from .hardware import run_hardware
+            samples = self._simulated(scene, sends) if capture else samples
+            return Flight(scene, result, samples, found_latency(scene) if sends else math.nan)
+        from .hardware import run_hardware
 
-            file = self._file(capture) if capture else None
-            own = {"transmit": self.transmit, "log": self.log, "sleep": self.sleep, "use_calibration": False}
-            own |= {"capture": file, "silent": tuple(silent), "time_limit_s": time_limit_s}
-            result = run_hardware(scene, methods, **own)
-            latency = float(result.segmenter["latency_samples"])
-            if file is not None:
-                samples = _heard(file, scene)
+        own = {"transmit": self.transmit, "log": self.log, "sleep": self.sleep, "use_calibration": False}
+        own |= {"capture": None, "silent": tuple(silent), "time_limit_s": time_limit_s}
         if capture:
-            self._save(capture, scene, samples, latency)
-        return Flight(scene, result, samples / np.float32(self._full_scale), latency)
-
-    @property
-    def lo_centred(self) -> dict[str, Any]:
-        """Changes of a scene that put the LO in the middle of the band: DC and the IQ image are seen there alone."""
-        return {"radio": dataclasses.replace(self.scene.radio, lo_offset_hz=0.0)}
+            own["capture"] = self.folder / "captures" / capture
+            own["capture"].parent.mkdir(parents=True, exist_ok=True)
+        result = run_hardware(scene, methods, **own)
+        if capture:
+            samples = _recorded(own["capture"], scene)
+        return Flight(scene, result, samples, float(result.segmenter["latency_samples"]))
 
     def listen(self, frames: int) -> np.ndarray:
         """(frames, N) samples with every transmitter off: none is opened; the LO is in the middle of the band."""
-        scene = self.programme(0.0, frames=frames, **self.lo_centred)
+        middle = {"radio": dataclasses.replace(self.scene.radio, lo_offset_hz=0.0)}
+        scene = self.programme(0.0, frames=frames, **middle)
         count = frames * scene.waveform.samples_per_frame
         if self.simulated:
-            heard = simulated_samples(scene, radar_sends=False)[:count]
-        else:
-            from .hardware import receive_alone
+            return self._simulated(scene, sends=False)[:count].reshape(frames, -1)
+        from .hardware import receive_alone
 
-            heard = receive_alone(scene, count, sleep=self.sleep, log=self.log)
-        self._save("receiver", scene, heard, 0.0)
-        return (heard / np.float32(self._full_scale)).reshape(frames, -1)
+        return receive_alone(scene, count, sleep=self.sleep, log=self.log).reshape(frames, -1)
 
-    @property
-    def _full_scale(self) -> float:
-        return self.scene.channel.full_scale if self.simulated else 1.0
-
-    def _file(self, name: str) -> Path:
-        (self.folder / "captures").mkdir(parents=True, exist_ok=True)
-        return self.folder / "captures" / name
-
-    def _save(self, name: str, scene: Scene, samples: np.ndarray, latency: float) -> None:
-        """Keep samples as SigMF: a capture for each stretch without loss."""
-        there = np.isfinite(samples)
-        edges = np.flatnonzero(np.diff(np.r_[False, there, False])).reshape(-1, 2)
-        starts = np.cumsum([0, *np.diff(edges, axis=1)[:, 0]])
-        data = self._file(f"{name}.sigmf-data")
-        with writing(data):
-            data.write_bytes(samples[there].tobytes())
-        stretches = [Stretch(int(s), int(a), int(b - a)) for s, (a, b) in zip(starts, edges, strict=False)]
-        own = {"latency_samples": np.nan_to_num(latency), "radio": {"full_scale": self._full_scale}}
-        write_metadata(data, scene, stretches, recorder="radalt first-light", **own)
+    def _simulated(self, scene: Scene, sends: bool) -> np.ndarray:
+        """What the simulated channel gives over a programme, full scale 1."""
+        frames = scene.altitude.programme.total_frames + TAIL_FRAMES
+        samples = [samples for _, samples in received(scene, frames, radar_sends=sends)]
+        return np.concatenate(samples) / np.float32(scene.channel.full_scale)
 
 
-def _heard(file: Path, scene: Scene) -> np.ndarray:
+def _recorded(file: Path, scene: Scene) -> np.ndarray:
     """A radio's recording by the sample counter, up to the programme's end; NaN where samples are missing."""
     w, frames = scene.waveform, scene.altitude.programme.total_frames + TAIL_FRAMES
     samples = np.full(frames * w.samples_per_frame, np.nan, np.complex64)
@@ -213,29 +201,234 @@ def _heard(file: Path, scene: Scene) -> np.ndarray:
     return samples
 
 
-def simulated_samples(scene: Scene, *, radar_sends: bool) -> np.ndarray:
-    """What the simulated channel gives over a programme."""
-    frames = scene.altitude.programme.total_frames + TAIL_FRAMES
-    return np.concatenate([samples for _, samples in received(scene, frames, radar_sends=radar_sends)])
+# -- the steps: docstrings are their titles ----------------------------------------------------------------------------
 
 
-def perform(bench: Bench, steps: Mapping[str, Measure]) -> Iterator[Check]:
-    """The checks of every step in order, to the end whatever fails.
+def _receiver(bench: Bench) -> Iterator[Check]:
+    """Transmitters off: noise, DC, spurs"""
+    frames = bench.listen(_LISTENED)
+    noise = mean_power(frames)
+    dc, line, at_hz = strongest_lines(frames, bench.scene.waveform.rate_hz)
+    # the noise of a 12-bit converter lies near -74; zeros are below, a signal is above
+    cause = "zeros: a frozen receiver; above: something transmits, or too much gain"
+    yield Check("noise", db(noise), "dBFS", -110, -40, cause)
+    cause = "DC correction of the receiver did not run (UHD issue 892)"
+    yield Check("DC, LO in the middle of the band", dc, "dBFS", high=-40, cause=cause)
+    what = f"strongest line, at {at_hz / 1e3:+.0f} kHz"
+    yield Check(what, line, "dBFS", high=-60, cause="a spur or a signal from outside")
+    if noise > 0:
+        bench.known["noise"] = noise
+
+
+def _counters(*flights: Flight) -> Iterator[Check]:
+    """What the transmitters reported, what was lost on the way, and how much of what was recorded is clipped."""
+
+    def total(name: str) -> int:
+        return sum(int(f.result.segmenter.get(name, 0)) for f in flights)
+
+    cause = "started after the common start time: a busy host; start again, close other programs"
+    yield Check("transmitter late", total("tx_late"), "times", high=0, cause=cause)
+    yield Check("transmitter underflows", total("tx_underflows"), "times", high=0, cause=_SLOW_HOST)
+    yield Check("samples lost", total("lost_samples"), high=0, cause=_SLOW_HOST)
+    recorded = [clipped_percent(f.samples) for f in flights if f.samples.size]
+    cause = "too much arrives: lower radar_rx_gain_db, or more attenuation"
+    if recorded:
+        yield Check("samples clipped", max(recorded), "%", high=0, cause=cause)
+
+
+def _radar(bench: Bench) -> Iterator[Check]:
+    """Radar alone: level, flatness, timing"""
+    scene = bench.programme(300.0)
+    flight = bench.fly(scene, capture="radar")
+    known = bool(np.isfinite(flight.latency))
+    heard = flight.frames(2, scene.altitude.preamble_frames + bench.frames) if known else flight.samples
+    level = mean_power(heard)
+    yield from _counters(flight)
+    # enough for timing to a hundredth of a sample
+    cause = (
+        "more attenuation than stated, too little gain, a dead port or cable, or radios or serials exchanged"
+    )
+    yield Check("above the noise", db(level) - db(bench.known["noise"]), "dB", low=20, cause=cause)
+    yield Check("level", db(level), "dBFS", -40, -3, _LEVEL)
+    cause = "the sweep is not found in what is received; see the checks above"
+    yield Check("timing lock", float(known), low=1, cause=cause)
+    if not known:
+        return
+    bench.known |= {"level": level, "latency": flight.latency}
+    cause = "filter roll-off (odd divider of the clock?), reflections on an open port, clipping"
+    sweeps = flight.frames(1, scene.altitude.preamble_frames - 1)
+    ripple = ripple_db(scene.waveform, sweeps, flight.latency % 1.0, first=1)
+    yield Check("flatness, inner 80 % of the band", ripple, "dB", high=3, cause=cause)
+    right = score(flight.result.results["none"], scene.altitude.programme).pd
+    cause = "timing or level; see the checks above"
+    yield Check("altitudes right at 300 m", right, "of 1", low=0.9, cause=cause)
+
+
+def _starts(bench: Bench) -> Iterator[Check]:
+    """Latency over starts"""
+    # another seed is other noise in simulation; on the air it changes nothing that is sent
+    seeds = range(bench.scene.seed, bench.scene.seed + bench.starts)
+    found = [bench.fly(bench.programme(300.0, frames=1, seed=seed)).latency for seed in seeds]
+    what = f"latency {np.mean(found):.2f}, {bench.starts} starts"
+    cause = "starts do not repeat: calibrate after each; report the driver's version"
+    # a twentieth of a sample is 1 m of altitude
+    yield Check(what, float(np.ptp(found)), "samples spread", high=0.05, cause=cause)
+
+
+def _reference(bench: Bench, scene: Scene) -> Scene:
+    """The scene in the simulated channel at the bench's SNR, with another seed than a simulated bench."""
+    snr_db = min(40.0, db(bench.known["level"]) - db(bench.known["noise"]))
+    return dataclasses.replace(scene, channel=ChannelSettings(snr_db=snr_db), seed=scene.seed + 1)
+
+
+def _altitudes(bench: Bench) -> Iterator[Check]:
+    """Altitudes against simulation of the same scene"""
+    scene = bench.programme(*_ALTITUDES_M)
+    flown = bench.fly(scene, capture="altitudes").result
+    simulated = run_chain(_reference(bench, scene), ("none",))
+    cause = "reflections on open ports, flatness, or lost samples; see above"
+    for altitude_m in _ALTITUDES_M:
+        found = []
+        for result in (flown, simulated):
+            frames = result.results["none"]
+            sent = scene.altitude.programme.altitude_m(frames["frame_index"])
+            here = frames["altitude_m"][(sent == altitude_m) & frames["valid"]]
+            found.append(float(np.median(here)) if here.size else math.nan)
+        what = f"{altitude_m:g} m: {found[0]:.2f} m, off the simulation's"
+        yield Check(what, abs(found[0] - found[1]), "m", high=1, cause=cause)
+
+
+def _radar_db(bench: Bench, scene: Scene) -> float:
+    """dBFS at which the radar has to arrive in a scene, by its level alone and both drives."""
+    alone = db(bench.known["level"] - bench.known["noise"])
+    return alone + bench.drive_db(scene) - bench.drive_db(bench.programme(300.0))
+
+
+def _jammer(bench: Bench) -> Iterator[Check]:
+    """Jammer alone: SIR against the radar's level alone"""
+    scene = bench.programme(300.0, jammer=True).at(overlap=0.5)
+    flight = bench.fly(scene, capture="jammer", silent=(RADAR_GATE,))
+    yield from _counters(flight)
+    first, noise = scene.altitude.preamble_frames, bench.known["noise"]
+    played = flight.frames(first + 1, first + bench.frames - 1, bench.known["latency"])
+    sir_db = _radar_db(bench, scene) - db(mean_power(played) - noise)
+    cause = "unequal path losses, a cable swapped, compression; or nothing of the jammer arrives"
+    yield Check(f"SIR off from {scene.sir_db:g} dB", sir_db - scene.sir_db, "dB", -1, 1, cause)
+
+
+def _both(bench: Bench) -> Iterator[Check]:
+    """Radar and jammer: Pd over overlap"""
+    flights: list[Flight] = []
+    cause = "SIR, overlap or level are not the simulation's; see the steps before"
+    for overlap in _OVERLAPS:
+        scene = bench.programme(300.0, 100.0, 30.0, jammer=True).at(overlap=overlap)
+        flights.append(bench.fly(scene, _METHODS, capture=f"both_{overlap:g}"))
+        simulated = run_chain(_reference(bench, scene), _METHODS)
+        for method in _METHODS:
+            results = (flights[-1].result.results[method], simulated.results[method])
+            here, there = (score(r, scene.altitude.programme) for r in results)
+            lowest = there.interval[0] - (here.interval[1] - here.pd)  # both intervals overlap
+            what = f"Pd, overlap {overlap:g}, {method}; simulated {there.pd:.2f}"
+            yield Check(what, here.pd, low=lowest, cause=cause)
+    yield from _counters(*flights)
+
+
+def _endurance(bench: Bench) -> Iterator[Check]:
+    """Endurance: lost samples, underflows, drift"""
+    count = max(40, round(bench.minutes * 60.0 / bench.scene.waveform.sweep_s))
+    scene = bench.programme(300.0, frames=count, jammer=bench.scene.has_jammer)
+    if bench.scene.has_jammer:  # both radios stream throughout; most frames stay clear for the drift
+        scene = scene.at(overlap=_OVERLAPS[0])
+    flight = bench.fly(scene, time_limit_s=4 * count * scene.waveform.sweep_s + 30.0)
+    yield from _counters(flight)
+    counted, frames = flight.result.segmenter, flight.result.results["none"]
+    cause = "samples were lost without notice, or the path changed"
+    yield Check("lock losses", counted["lock_losses"], "times", high=0, cause=cause)
+    cause = "the host is too slow for the chain; close other programs"
+    yield Check("frames dropped", counted.get("dropped_slow", 0), high=0, cause=cause)
+    good = frames["altitude_m"][frames["valid"] & scene.altitude.programme.is_trial(frames["frame_index"])]
+    quarter = good.size // 4
+    drift_m = float(np.median(good[-quarter:]) - np.median(good[:quarter])) if quarter else math.nan
+    cause = "temperature or reference: let the radios warm up"
+    yield Check("drift, last quarter against first", drift_m, "m", -0.5, 0.5, cause)
+
+
+class Step(NamedTuple):
+    """A step with what it needs: a key of `Bench.known`, and whether a jammer."""
+
+    checks: Callable[[Bench], Iterable[Check]]
+    needs: str = ""
+    jammer: bool = False
+
+    @property
+    def title(self) -> str:
+        """Title for people."""
+        return str(self.checks.__doc__)
+
+
+STEPS = {
+    "receiver": Step(_receiver),
+    "radar": Step(_radar, "noise"),
+    "starts": Step(_starts, "latency"),
+    "altitudes": Step(_altitudes, "latency"),
+    "jammer": Step(_jammer, "latency", jammer=True),
+    "both": Step(_both, "latency", jammer=True),
+    "endurance": Step(_endurance, "latency"),
+}
+
+
+def perform(bench: Bench, names: Iterable[str] = tuple(STEPS)) -> Iterator[Check]:
+    """The checks of these steps in order, to the end whatever fails.
 
     What the set-up or UHD refuses is a failed check: a device that is not there, a value that a step cannot use.
     """
-    for name, measure in steps.items():
+    for name in names:
         step = STEPS[name]
-        why = "the scene has no interference" if step.get("jammer") and not bench.scene.has_jammer else ""
-        if step.get("needs", "") not in ("", *bench.known):
-            why = why or f"needs the {step['needs']} that an earlier step did not find"
+        why = "the scene has no interference" if step.jammer and not bench.scene.has_jammer else ""
+        if step.needs not in ("", *bench.known):
+            why = why or f"needs the {step.needs} that an earlier step did not find"
         if why:
-            yield Check(name, step["title"], None, cause=why)
+            yield Check(step.title, None, cause=why, step=name)
             continue
         try:
-            for key, value, detail, cause, low in measure(bench):
-                given = {"what": key, **step["checks"][key]} | ({} if low is None else {"low": low})
-                given |= {"what": given["what"].format(detail=detail)} | ({"cause": cause} if cause else {})
-                yield Check(name, value=value, **given)
+            for check in step.checks(bench):
+                yield check._replace(step=name)
         except EXPECTED as error:
-            yield Check(name, "run", math.nan, cause=" ".join(said(error).split())[:300])
+            yield Check("run", math.nan, cause=" ".join(said(error).split())[:300], step=name)
+
+
+def open_folder(bench: Bench) -> RunFolder:
+    """The result folder of a bench; raises FolderError where something else is in its place."""
+    if (bench.folder / "run.json").exists():
+        raise FolderError(f"{bench.folder} holds another hour; name another --out")
+    head: dict[str, Any] = {"study": "first_light", "source": "simulated" if bench.simulated else "air"}
+    head |= {
+        "versions": versions(with_network=bench.scene.has_jammer),
+        "scene": scene_to_mapping(bench.scene),
+    }
+    return RunFolder(
+        bench.folder, head | {name: getattr(bench, name) for name in ("frames", "starts", "minutes")}
+    )
+
+
+def report(folder: RunFolder, checks: Sequence[Check]) -> str:
+    """Write rows.csv and the report into the folder; returns the verdicts' counts and the report's path."""
+    rows = io.StringIO()
+    csv.writer(rows, lineterminator="\n").writerows(
+        [(*Check._fields, "verdict"), *((*c, c.verdict) for c in checks)]
+    )
+    folder.write_text("rows.csv", rows.getvalue())
+    count = Counter(check.verdict for check in checks)
+    verdict = f"{count['pass']} passed, {count['fail']} failed, {count['skipped']} skipped"
+    parts = {}
+    for name in dict.fromkeys(check.step for check in checks):
+        cells = [
+            (c.what, c.shown, c.limit, c.verdict, c.cause * (c.verdict != "pass"))
+            for c in checks
+            if c.step == name
+        ]
+        cells = [[cell.replace("|", "/") for cell in row] for row in cells]
+        parts[STEPS[name].title] = table(("measured", "value", "limit", "verdict", "likely cause"), cells)
+    page = {"title": folder.head["source"], "verdict": verdict, "parts": parts}
+    page["run"] = {"command": "radalt first-light"}
+    return f"{verdict}\n{write_pages(folder, Path(__file__).with_suffix('.md.j2'), page)}"

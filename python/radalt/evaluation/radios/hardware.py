@@ -1,10 +1,6 @@
 """One point of a sweep on two B210s: the companion's flowgraph, its radios set up by `setup`."""
 
-import contextlib
 import functools
-import re
-import shutil
-import subprocess
 import sys
 import time
 from collections import Counter
@@ -31,7 +27,6 @@ _START_S = 3.0  # longest time from `set_up` to the first sample, s
 _POLL_S = 0.02  # time between checks of the programme's end, s
 _SETTLE_S = 0.02  # settling of UHD's DC correction at a receiver's start, s
 _LISTEN_LIMIT_S = 30.0  # longest capture of a receiver alone, set-up included, s
-_PROBE_S = 60.0  # longest wait for a B210 that has to be given its firmware first, s
 _USB_TYPE = "b200"  # UHD's type of the radios on USB (docs/hardware.md); its others are on a network
 _COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
 TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
@@ -205,19 +200,6 @@ def receive_alone(
     top.connect(top.radar_usrp_source, blocks.head(gr.sizeof_gr_complex, skip + count), sink)
     run_to_end(top, time_limit_s=_LISTEN_LIMIT_S)
     return np.array(sink.data()[skip:], np.complex64)
-
-
-def link_bytes_per_s(serial: str) -> float | None:
-    """What the driver takes a radio's link for: 53.2e6 on USB 2; None where it does not say."""
-    program = shutil.which("uhd_usrp_probe")
-    if program is None:
-        return None
-    command = [program, f"--args=serial={serial}", "--double=/mboards/0/link_max_rate"]
-    with contextlib.suppress(OSError, subprocess.SubprocessError):
-        out = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_S, check=True).stdout
-        found = re.findall(r"^\d+(?:\.\d*)?(?:e\+?\d+)?$", out, re.MULTILINE)
-        return float(found[-1]) if found else None
-    return None
 
 
 def calibrate(

@@ -2,7 +2,8 @@
 
 A *trial* is a frame of the programme. It is *detected* if the altimeter declared an altitude, *correct* if the altitude
 is within 5 m of the truth, *wrong and valid* if it is declared and not correct. A trial without detection counts
-against Pd, never against the error of detections. The error of the forced decision is over all frames that have one; an
+against Pd, never against the error of detections. *Pd, 5 m or 3 %* (``pd_3pct``) is by a second limit, the larger of 5 m
+and 3 % of the altitude: over spread ground a single frame's speckle alone moves the altitude by more than 5 m. The error of the forced decision is over all frames that have one; an
 empty frame (silent, not finite, diverged) has none, and ``forced`` is the number of the others.
 
 *Peak-to-sidelobe ratio*: the main lobe of the range profile over the strongest cell outside it, in decibels, the mean
@@ -19,6 +20,7 @@ from ...core.programme import Programme
 from .proportion import clopper_pearson_bound, wilson_interval
 
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
+NEAR_SHARE = 0.03  # the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
 FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
 _FT_M = 0.3048  # international foot
 
@@ -46,6 +48,7 @@ class Score:
     error_detected_m: float = 0.0
     squared_forced_m2: float = 0.0  # sum over forced decisions of the squared error
     peak_to_sidelobe_sum_db: float = 0.0  # sum over forced decisions of the peak-to-sidelobe ratio
+    near: float = 0.0  # detections within the second limit; NaN where a row does not have it
 
     def __add__(self, other: "Score") -> "Score":
         return Score(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -54,6 +57,11 @@ class Score:
     def pd(self) -> float:
         """Probability of correct altitude; NaN without trials."""
         return _ratio(self.correct, self.trials)
+
+    @property
+    def pd_3pct(self) -> float:
+        """Probability of an altitude within the larger of 5 m and 3 %; NaN without trials."""
+        return _ratio(self.near, self.trials)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -108,6 +116,7 @@ class Score:
             "wrong_far": self.far,
             "wrong_bound": self.wrong_bound,
             "peak_to_sidelobe_db": self.peak_to_sidelobe_db,
+            "pd_3pct": self.pd_3pct,
         }
 
 
@@ -115,7 +124,7 @@ def _ratio(total: float, count: int) -> float:
     return total / count if count else float("nan")
 
 
-SCORE_COLUMNS = tuple(Score().row())
+SCORE_COLUMNS = tuple(Score().row())[:-1]  # stored rows of the bench have no `pd_3pct`
 
 
 def score_frames(
@@ -132,6 +141,7 @@ def score_frames(
     forced = forced[decided]
     sidelobe_db = results["peak_to_sidelobe_db"][decided]
     size = np.abs(error)
+    near_m = np.maximum(limit_m, NEAR_SHARE * np.broadcast_to(truth_m, valid.shape)[valid])
     return Score(
         trials=len(results),
         detections=int(valid.sum()),
@@ -143,6 +153,7 @@ def score_frames(
         error_detected_m=float(error.sum()),
         squared_forced_m2=float(forced @ forced),
         peak_to_sidelobe_sum_db=float(sidelobe_db[np.abs(forced) < FAR_LIMIT_M].sum()),
+        near=float((size < near_m).sum()),
     )
 
 
@@ -184,8 +195,10 @@ def pool(rows: Sequence[dict[str, Any]]) -> Score:
     def counted(name: str) -> int:
         return sum(row[name] for row in rows)
 
-    # without the column in one row, the pool has no value
-    stated = all(row.get("peak_to_sidelobe_db") is not None for row in rows if row["forced"])
+    def stated(name: str, count: str) -> bool:
+        # without the column in one row, the pool has no value
+        return all(row.get(name) is not None for row in rows if row[count])
+
     return Score(
         trials=counted("trials"),
         detections=counted("detections"),
@@ -196,5 +209,8 @@ def pool(rows: Sequence[dict[str, Any]]) -> Score:
         squared_detected_m2=total("detections", "rmse_detected_m", 2),
         error_detected_m=total("detections", "bias_m", 1),
         squared_forced_m2=total("forced", "rmse_forced_m", 2),
-        peak_to_sidelobe_sum_db=total("forced", "peak_to_sidelobe_db", 1) if stated else float("nan"),
+        peak_to_sidelobe_sum_db=total("forced", "peak_to_sidelobe_db", 1)
+        if stated("peak_to_sidelobe_db", "forced")
+        else float("nan"),
+        near=total("trials", "pd_3pct", 1) if stated("pd_3pct", "trials") else float("nan"),
     )

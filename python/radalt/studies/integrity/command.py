@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 PROGRAM, COMMAND = "integrity", "integrity"
 METHODS = "none,whitening,tcae,hybrid"
-_CAPTURES = 50  # recordings kept by --captures
 
 
 def _arguments(parser: Parser) -> None:
@@ -44,11 +43,6 @@ def _arguments(parser: Parser) -> None:
     )
     add_seed(parser, 1)
     add("--replay", default="", metavar="CASE:SEED[:BATCH]", help="fly once more and print every output")
-    add(
-        "--captures",
-        action="store_true",
-        help=f"keep the frames before hazardous outputs as SigMF recordings, of {_CAPTURES} flights at most",
-    )
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> "IntegrityStudy | int":
@@ -67,8 +61,6 @@ def _after(folder: Path, args: argparse.Namespace, study: "IntegrityStudy") -> i
     from ...evaluation.results.folder import read_report
 
     report = read_report(folder)
-    if args.captures:
-        _keep(study, report["events"], folder)
     said = report["headline"]["inside"]
     print(f"{said['hazardous']} of {said['outputs']} outputs hazardous inside the claim,", end=" ")
     print(f"below {said['bound']:.1e} per output, {said['flight_bound']:.1e} per flight (95 %)")
@@ -87,17 +79,6 @@ def _replay(study: "IntegrityStudy", text: str, parser: Parser) -> int:
     study.check()
     print("\n".join(replay_lines(study, case_of(name), int(batch or 0))))
     return 0
-
-
-def _keep(study: "IntegrityStudy", events: Sequence[dict[str, Any]], folder: Path) -> None:
-    """A recording of every flight, up to its first hazardous output of any method."""
-    from .captures import write_capture
-
-    first: dict[str, dict[str, Any]] = {}
-    for event in events:
-        first.setdefault(event["replay"], event)
-    for event in list(first.values())[:_CAPTURES]:
-        print(write_capture(study, event, folder / "captures"))
 
 
 def _describe(rows: Sequence[dict[str, Any]]) -> str:
