@@ -21,12 +21,14 @@ _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 class Bar:
     """Progress bar on a terminal, one line per point elsewhere."""
 
-    def __init__(self, describe: Callable[[Sequence[dict]], str]) -> None:
-        self._describe, self._bar, self._told = describe, None, False
+    def __init__(self, describe: Callable[[Sequence[dict]], str], *, quiet: bool = False) -> None:
+        self._describe, self._quiet, self._bar, self._told = describe, quiet, None, False
         self.last: Progress | None = None
 
     def __call__(self, p: Progress) -> None:
         self.last = p
+        if self._quiet:
+            return
         if p.rejected and not self._told:
             self._told = True
             more = f" and {len(p.rejected) - 1} others" if len(p.rejected) > 1 else ""

@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -71,7 +71,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
             folder.add(point.name, outcome.rows)
             _append(study, point, folder, outcome.rows)
             peaks[outcome.process] = outcome.peak_bytes
-            shown = [row for row in outcome.rows if study.table_of(point, row) == point.table]
+            shown = _own_rows(study, point, outcome.rows)
             progress(Progress(resumed + count, len(points), resumed, shown, remaining.seconds(point)))
         facts = Run(
             jobs=len(peaks) if cluster else jobs,
@@ -83,6 +83,33 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
         )
         with own_style():
             return study.report(folder, _write_tables(study, points, folder), facts)
+
+
+def in_memory(
+    study: Study, jobs: int, progress: Callable[[Progress], None] = lambda _: None
+) -> tuple[dict[str, list[dict[str, Any]]], Run]:
+    """Rows by table and facts of a run that writes nothing; ``jobs`` as in `Options`.
+
+    Raises WorkerError, and errors of the study, one line for the user.
+    """
+    begin = time.monotonic()
+    points, options = {point.name: point for point in study.points()}, Options(Path(), jobs=jobs)
+    found, todo, peaks = {}, list(points.values()), {}
+    remaining = _Remaining(todo, max(1, jobs))
+    outcomes = _outcomes(study.begin(options.out), todo, options, max(1, jobs), None)
+    for count, (index, outcome) in enumerate(outcomes, start=1):
+        found[todo[index].name] = outcome.rows
+        peaks[outcome.process] = outcome.peak_bytes
+        shown = _own_rows(study, todo[index], outcome.rows)
+        progress(Progress(count, len(points), 0, shown, remaining.seconds(todo[index])))
+    wall_s = round(time.monotonic() - begin, 3)
+    facts = Run(max(1, jobs), len(points), 0, wall_s, peak_memory_bytes() + sum(peaks.values()))
+    return _tables(study, points, found), facts
+
+
+def _own_rows(study: Study, point: Point, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A point's rows in its own table."""
+    return [row for row in rows if study.table_of(point, row) == point.table]
 
 
 def _outcomes(
@@ -98,14 +125,22 @@ def _outcomes(
     return run_tasks(measure, points, jobs=jobs, time_limit_s=limit_s, label=lambda point: point.name)
 
 
+def _tables(
+    study: Study, points: dict[str, Point], done: Mapping[str, Sequence[dict[str, Any]]]
+) -> dict[str, list[dict[str, Any]]]:
+    """Rows by table, in the study's order."""
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in study.tables}
+    for name, point in points.items():
+        for row in done.get(name, ()):
+            rows[study.table_of(point, row)].append(row)
+    return rows
+
+
 def _write_tables(
     study: Study, points: dict[str, Point], folder: RunFolder
 ) -> dict[str, list[dict[str, Any]]]:
-    """Write the tables of the journal's rows in the study's order; returns the rows by table."""
-    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in study.tables}
-    for name, point in points.items():
-        for row in folder.done.get(name, ()):
-            rows[study.table_of(point, row)].append(row)
+    """Write the tables of the journal's rows; returns the rows by table."""
+    rows = _tables(study, points, folder.done)
     for name, table in rows.items():
         if table:
             folder.write_text(f"{name}.csv", study.tables[name].csv(table))

@@ -17,8 +17,7 @@ from ...core.mitigation.onnx_network import network_files
 from ...core.mitigation.tcae import default_model_path
 from ...core.receiver.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
-from ..engine.study import Point, Run, Study
-from ..results.folder import RunFolder
+from ..engine.study import Point, Study
 from ..results.rows import Columns
 from ..results.score import score
 from ..simulation import run_chain
@@ -320,15 +319,6 @@ class OverlapStudy(Study):
         ]
         first, *others = lists
         return first + [f"at overlap 0: {item}" for other in others for item in other if item not in first]
-
-    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
-        from .report import write_report
-
-        ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
-        return write_report(
-            folder, self, rows["rows"], ceiling, run, rows["altitudes"], tracked=rows["tracked"]
-        )
 
     def files(self) -> dict[str, Path]:
         """Flowgraphs, files of the scene, models and method files."""
