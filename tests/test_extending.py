@@ -168,6 +168,13 @@ def test_study_runs_on_the_engine(outside, tmp_path):
     assert "| -24.0 |" in (tmp_path / "run/report.md").read_text(encoding="utf-8")
 
 
+def test_study_runs_as_the_file_that_the_page_prints(outside, tmp_path):
+    folder, env = outside
+    done = ran_python(folder / "my_study.py", cwd=tmp_path, env=env, limit_s=100)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len((tmp_path / "results/noise/rows.csv").read_text().splitlines()) == 4
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

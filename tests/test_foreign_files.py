@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import gallery
+import matplotlib
 import numpy as np
 import pytest
 from hostile import assert_refused, ended
@@ -17,7 +18,7 @@ from radalt.core.mitigation import MitigationError, create
 from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine.options import check_ours
-from radalt.evaluation.results.figure import new_figure, save_figure
+from radalt.evaluation.results.figure import new_figure, own_style, save_figure
 from radalt.evaluation.results.folder import FolderError, RunFolder, replace_file, write_json
 
 # an ONNX file of one matrix product, whose matrix lies in the file m.data beside it
@@ -71,10 +72,22 @@ def test_a_name_that_is_no_mathematics_is_drawn_as_it_is(tmp_path):
     assert b"/Type3" not in (tmp_path / "x.pdf").read_bytes()  # publishers ask for TrueType
 
 
-def test_a_terminal_of_another_encoding_and_a_user_without_a_home_end_no_run(root, tmp_path):
-    done = run(root, *RUN, tmp_path / "x$^{y", PYTHONIOENCODING="latin-1", HOME="/proc/nobody")
-    assert done.returncode == 0, done.stderr
+def test_no_terminal_no_home_and_no_style_of_the_user_ends_a_run(root, tmp_path):
+    """Encoding, home, the backend of a Jupyter elsewhere, a font and TeX that are not installed."""
+    style = tmp_path / "matplotlibrc"
+    style.write_text("text.usetex: True\nfont.family: None Such\n")
+    theirs = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "MATPLOTLIBRC": str(style)}
+    done = run(root, *RUN, tmp_path / "x$^{y", PYTHONIOENCODING="latin-1", HOME="/proc/nobody", **theirs)
+    assert (done.returncode, done.stderr) == (0, b"")
     assert b"\\u2212" in done.stdout
+
+
+def test_the_user_s_own_style_is_as_before_a_report():
+    theirs = {"text.usetex": True, "lines.linewidth": 9.0}
+    with matplotlib.rc_context(theirs):
+        with own_style():
+            assert all(matplotlib.rcParams[key] == matplotlib.rcParamsDefault[key] for key in theirs)
+        assert all(matplotlib.rcParams[key] == value for key, value in theirs.items())
 
 
 def test_a_numpy_that_gnu_radio_was_not_built_for_is_one_line(root, tmp_path):

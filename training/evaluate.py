@@ -253,10 +253,6 @@ class MethodStudy(ChainStudy):
         """See `evaluate_report.write_report`."""
         return write_report(folder, rows["rows"], folder.head["methods"], run)
 
-    def seconds(self, point: CasePoint) -> float:
-        """See `Study`; on average a method runs on half of the sweep's SIRs."""
-        return point.frames * self.seconds_per_frame() * (0.5 if len(point.sirs_db) > 1 else 1.0)
-
 
 def chain_of(name: str, models: Path) -> Chain:
     """Chain of a method in `CLASSICAL` or `NETWORKS`; networks without the shift test that silences inventions."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -33,7 +33,7 @@ from radalt.evaluation.engine.options import Parser, names_of, number
 from radalt.evaluation.engine.shell import StudyCommand
 from radalt.evaluation.engine.study import Point, Run, Study
 from radalt.evaluation.results.break_point import BreakPoint, break_point_of
-from radalt.evaluation.results.chain import Chain, seconds_per_frame
+from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.figure import new_figure, save_figure
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.page import write_result
@@ -207,19 +207,6 @@ class SweepStudy(Study):
         tables["headline"] = headline(rows["rows"])
         template = Path(__file__).with_name("evaluate_sweeps.md.j2")
         return write_result(folder, template, run.as_dict(), rows, tables)
-
-    def seconds(self, point: SweepPoint) -> float:
-        """See `Study`; on average a method runs on half of a case's SIRs."""
-        waveform = SWEEPS[point.sweep]
-        each = sum(seconds_per_frame(c.method, waveform, c.settings, c.options) for c in CHAINS)
-        return 0.5 * point.frames * each
-
-    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
-        """See `Study`; frames at 20 and 40 MS/s and delayed emitters cost more than the methods."""
-        short = replace(self, trials=min(4, self.trials))
-        points = [p for p in short.points() if p.overlap == OVERLAPS[1] and p.interferer not in ALONE]
-        last = {p.sweep: p for p in points}  # a point of each sweep
-        return tuple((short, p) for p in last.values())
 
 
 def _row(

@@ -165,10 +165,6 @@ class PaperTables(ChainStudy):
             folder, Path(__file__).with_name("paper_tables.md.j2"), run.as_dict(), rows, tables
         )
 
-    def seconds(self, point: TablePoint) -> float:
-        """See `Study`."""
-        return point.frames * self.seconds_per_frame()
-
 
 def _about(model: Path) -> str:
     """Recipe, epochs and hash of a network's file."""

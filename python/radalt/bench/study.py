@@ -13,11 +13,6 @@ from .frames import frames_of
 from .lists import Case, CaseList, load_list
 from .rows import COLUMNS, row_of
 
-_FRAME_S = (
-    4e-3  # CPU time of a frame of sources, channel and segmenter, s: measured, 1 ms to 20 ms by emitter
-)
-_ENTRY_S = 3e-3  # of a frame of a method and the altimeter, s: a network's
-
 
 @dataclass(frozen=True)
 class BenchPoint(Point):
@@ -90,10 +85,6 @@ class BenchStudy(Study):
                 row = row_of(names, case, sir_db, entry, frames, run(entry, frames))
                 failed[entry] = failed[entry] + 1 if row["pd"] < case.grid.stop_below_pd else 0
                 yield row
-
-    def seconds(self, point: Point) -> float:
-        """See `Study.seconds`: half of the grid, on the average."""
-        return 0.5 * point.frames * (_FRAME_S + _ENTRY_S * len(self.entries))
 
     def files(self) -> dict[str, Path]:
         """See `Study.files`: the list, and the users' files."""

@@ -12,7 +12,7 @@ import pkgutil
 import re
 
 from ..cores import allowed_cores
-from ..parsing import arguments
+from ..parsing import allowed, arguments, shown
 from ..plugins import load_plugins
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..receiver.frame_quality import FrameQuality
@@ -79,7 +79,7 @@ def method_class(name: str) -> type[Mitigation]:
     if name == CUSTOM:
         return Custom
     if name not in METHODS:
-        raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
+        raise MitigationError(f"unknown mitigation method {shown(name)}; {allowed(name, METHODS)}")
     return METHODS[name]
 
 

@@ -8,6 +8,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from ..receiver.frame_quality import levels, rail_peak
+from ..usual_errors import usual_errors
 from ..waveform import Waveform
 
 _RESERVED = ("custom", "mitigation")  # the method of a file, and no method's name
@@ -97,6 +98,7 @@ class Mitigation(ABC):
         self.diverged_frames = 0
         self.beyond_frames = 0
 
+    @usual_errors
     def process(self, frames: np.ndarray, quality: np.ndarray | None = None) -> np.ndarray:
         """Clean ``(n, N)`` or ``(N,)`` complex64 frames; the input is left untouched.
 
@@ -161,6 +163,14 @@ class Mitigation(ABC):
     def carries_altitude(self) -> bool:
         """Whether the output keeps the return's delay; where it does not, altitudes from it mean nothing."""
         return True
+
+    def __repr__(self) -> str:
+        w, status = self.waveform, self.status()
+        model = f" of {status['model']}" if "model" in status else ""
+        return (
+            f"<{self.name}{model}: {w.bandwidth_hz / 1e6:g} MHz in {w.sweep_s * 1e3:g} ms, "
+            f"{w.samples_per_frame} samples per frame; {self.frames} frames so far>"
+        )
 
     def status(self) -> dict[str, object]:
         """Counters and state a report should show."""

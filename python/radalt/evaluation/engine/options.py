@@ -237,7 +237,7 @@ def add_options(
         default=time_limit_s,
         help="longest time for one point (default: %(default)g)",
     )
-    add("--dry-run", action="store_true", help="print points, frames and the estimated time; measure nothing")
+    add("--dry-run", action="store_true", help="print points and frames; measure nothing")
 
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:

@@ -1,6 +1,5 @@
 """Pd, error, wrong altitudes and cost of the cancellers over SIR, case by case."""
 
-import dataclasses
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +11,8 @@ from scipy import fft
 from ...core.mitigation import Mitigation
 from ...core.receiver.altimeter import shared_altimeter
 from ...evaluation.engine.chain_study import ChainStudy
-from ...evaluation.engine.study import Point, Study
-from ...evaluation.results.chain import Chain, method_of, seconds_per_frame
+from ...evaluation.engine.study import Point
+from ...evaluation.results.chain import Chain, method_of
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import SCORE_COLUMNS, score_frames
 from .cases import CASES, WAVEFORM, Case, received
@@ -23,7 +22,6 @@ METHODS = ("none", *CANCELLERS)
 SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0, -60.0)
 _BELOW_PD = 0.3  # Pd below which a canceller has failed; a case ends after two such SIRs
 _FFTS = 3  # FFTs of 7,500 points timed after each frame, so that caches are as the method left them
-_RECEIVED_S = 0.012  # CPU seconds to make a frame
 _COSTS = ("ffts_median", "ffts_mean", "ffts_most")
 
 
@@ -97,16 +95,6 @@ class CancellationStudy(ChainStudy):
                 where = {"case": point.case, "sir_db": sir_db, "method": chain.method}
                 rows.append(where | score.row() | found)
         return rows
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`."""
-        chains = self._chains_of(CASES[point.case])
-        each = sum(seconds_per_frame(c.method, WAVEFORM, c.settings) for c in chains)
-        return len(self.sirs_db) * point.frames * (each + _RECEIVED_S)
-
-    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
-        """See `Study`."""
-        return ((self, dataclasses.replace(self.points()[0], frames=3)),)
 
 
 def _cleaned(method: Mitigation, frames: np.ndarray, stream: bool) -> tuple[np.ndarray, dict[str, float]]:

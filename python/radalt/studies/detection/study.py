@@ -3,7 +3,6 @@
 Rows are a function of the case, the number of frames and the seed.
 """
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,8 +17,8 @@ from ...core.returns.point import point_return
 from ...core.scene import load_scene
 from ...core.waveform import Waveform
 from ...evaluation.engine.chain_study import ChainStudy
-from ...evaluation.engine.study import Point, Study
-from ...evaluation.results.chain import Chain, seconds_per_frame
+from ...evaluation.engine.study import Point
+from ...evaluation.results.chain import Chain
 from ...evaluation.results.proportion import clopper_pearson
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import CORRECT_LIMIT_M
@@ -228,7 +227,6 @@ _TABLES = {
     ),
 }
 # CPU seconds per frame besides the method, scaled by `rehearsal`: interference and three altimeters; the textbook's
-_FRAME_S, _TEXTBOOK_S = 2e-3, 5e-3
 
 
 @dataclass(frozen=True)
@@ -289,13 +287,3 @@ class DetectionStudy(ChainStudy):
         """A row per allowed speed."""
         rows = measure_null if point.table == "null" else measure
         return rows(point.case, point.frames, self.seed)
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`."""
-        alone = seconds_per_frame(point.case.method, WAVEFORM, AltimeterSettings())
-        return point.frames * (alone + _FRAME_S + _TEXTBOOK_S * (point.table == "rows"))
-
-    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
-        """See `Study`; a point of each table."""
-        points = {point.table: point for point in self.points()}
-        return tuple((self, dataclasses.replace(point, frames=8)) for point in points.values())

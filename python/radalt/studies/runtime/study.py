@@ -25,7 +25,6 @@ _BATCHES = (1, 8)  # frames per call that are timed: as they arrive, and as many
 _TIMED = 8  # timed frames per interferer, and without: one batch of the larger size
 _TIMED_SIR_DB = -30.0  # below the break-point without mitigation (-25 dB): every method has to work
 _FFTS = 200  # timed per round, one after the other: 10 ms
-_FACTS_S = 1.0  # start of a process with NumPy and SciPy, for the memory, s
 _SUMS = ("correct_even", "correct_odd", "squared_correct_m2")
 _TABLES = {
     "facts": Columns(
@@ -175,12 +174,6 @@ class RuntimeStudy(ChainStudy):
             where | {"chain": chain.label} | _scored(chain.results(frames, WAVEFORM)[0], truth)
             for chain in self.chains
         ]
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`."""
-        if point.table == "facts":
-            return _FACTS_S
-        return point.frames * self.seconds_per_frame()
 
 
 def _scored(result: np.ndarray, truth: np.ndarray) -> dict[str, Any]:

@@ -261,9 +261,3 @@ class ToleranceStudy(Study):
         flux = density - unit
         margin = flux - float(pfd_dbw_per_m2_mhz(at_hz)) if feet <= MAX_ALTITUDE_FT else np.nan
         return {"break_dbm_per_mhz": density, "break_dbw_per_m2_mhz": flux, "margin_db": margin}
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`: 3 ms per frame once, then some 12 levels per altitude at 0.5 ms (1.7 ms with a method)."""
-        samples = _profile(self.profile).waveform.samples_per_frame / 10752
-        each = 0.5e-3 if point.method == "none" else 1.7e-3
-        return point.frames * samples * (3e-3 + 12 * len(self.altitudes_ft) * each)
