@@ -8,6 +8,7 @@ from typing import Any
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+MINUS = "\u2212"  # the minus sign of texts and figures, which no number of Python has
 # limits of a value in a message, so that a line has room for the limit and the remedy, too
 _SHOWN = reprlib.Repr()
 _SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother, _SHOWN.maxlong = 2, 60, 60, 40
