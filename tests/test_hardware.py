@@ -226,6 +226,17 @@ def test_check_says_what_usb_carries(rate_hz, warned):
     assert any(said in line for line in lines) == warned
 
 
+@pytest.mark.parametrize("name", ["my_bench", "my_box"])
+def test_the_pages_scenes_are_complete_and_transmit_a_jammer(root, name):
+    page = (root / "docs/hardware.md").read_text(encoding="utf-8")
+    scene = parse_scene(yaml.safe_load(re.search(rf"```yaml\n(name: {name}\n.*?)```", page, re.DOTALL)[1]))
+    lines, allowed = describe(scene)
+    assert allowed and scene.has_jammer
+    # also at the highest gain of both, for the cabled one
+    most = dataclasses.replace(scene.radio, radar_tx_gain_db=89.75, jammer_tx_gain_db=89.75)
+    assert (rx_level_dbm(most, jammer=True) < -15) == (name == "my_bench")
+
+
 def test_nothing_is_built_without_transmit(air):
     with pytest.raises(InterlockError, match="--transmit"):
         fly(air, a_scene(), transmit=False)

@@ -41,16 +41,12 @@ from radalt.evaluation.overlap.points import point_seed, sweep_points
 pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
-BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
-    f"{chr(98 + k)}: &{chr(98 + k)} [{', '.join([f'*{chr(97 + k)}'] * 9)}]\n" for k in range(9)
-)
-
 YAML = {
     "twice": ("radio: {attenuation_db: 60}\nradio: {attenuation_db: 3}\n", "'radio' is there twice"),
     "twice, quoted": ("radio: {attenuation_db: 60, 'attenuation_db': 3}\n", "is there twice"),
-    "bomb": (BOMB, "values or 40 levels"),
-    "brackets": ("name: " + "[" * 3000 + "]" * 3000, "more than 40 levels"),
-    "20 digits": ("seed: 18446744073709551616", "more than 19 digits"),
+    "bomb": ("a: &a [x, x]\nb: &b [*a, *a]\n", "line 2: aliases are not read"),
+    "brackets": ("name: " + "[" * 3000 + "]" * 3000, "nested too deep"),
+    "400 digits": ("seed: 1" + "0" * 400, "at most 19 digits"),
     "19 digits": ("seed: 9999999999999999999", "seed is 9999999999999999999"),
     "20 digits as text": ("seed: '18446744073709551616'", "seed is"),
     "float of 400 digits": ("altitude: {frames: 1" + "0" * 400 + ".0}", "altitude.frames is inf"),
@@ -72,7 +68,7 @@ YAML = {
     "sir": ("interference: {qpsk: {sir_db: -5000}}", "sir_db is -5000"),
     "tones beside the band": ("interference: {tones: {span_hz: 1.0e+9}}", "at most the rate"),
     "nr seed": ("interference: {nr: {seed: -1}}", "nr.seed is -1; it has to be within 0"),
-    "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "at least 1 Hz"),
+    "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "within 1000.."),
     "threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: x}}", "tcae.threads is 'x'"),
     "delay": ("channel: {jammer_delay_samples: 1.0e+9}", "within 0..1e+06"),
     "empty list of lists": ("sweep: {overlap: [[]]}", "sweep.overlap"),

@@ -247,7 +247,7 @@ def _float(value: Any) -> float:
     try:
         return float(value)
     except OverflowError:
-        return math.copysign(np.finfo(float).max, value)
+        return sys.float_info.max if value > 0 else -sys.float_info.max
 
 
 def plain(value: Any) -> Any:

@@ -93,6 +93,8 @@ def changed(
         sweep = dataclasses.replace(scene.sweep, **given(axes))
         altitude = dataclasses.replace(scene.altitude, **given(flown))
         scene = dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given({"seed": seed}))
+        if not own and methods is None:
+            return scene
         options = {
             name: {**(scene.method_options.get(name) or {}), **more} for name, more in (own or {}).items()
         }
