@@ -144,7 +144,11 @@ $(PYTHON): | $(STAMPS)/debian
 	@echo "gr-radalt set-up: environment $(VENV)"
 	@"$(SYSTEM_PYTHON)" -m venv --clear --system-site-packages $(VENV)
 
-$(VENV)/.runtime: requirements.lock | $(PYTHON)
+$(VENV)/bin/radalt: | $(PYTHON)
+	@printf '#!/bin/sh\nPYTHONPATH="%s$${PYTHONPATH:+:$$PYTHONPATH}" exec "%s" -m radalt "$$@"\n' "$(CURDIR)/python" "$(abspath $(PYTHON))" > $@
+	@chmod +x $@
+
+$(VENV)/.runtime: requirements.lock | $(PYTHON) $(VENV)/bin/radalt
 	@echo "gr-radalt set-up: Python packages of requirements.lock"
 	@$(PYTHON) $(PIP) install --require-hashes -r requirements.lock
 	@$(PYTHON) -c 'import onnxruntime; from gnuradio import gr' || \

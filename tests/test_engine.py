@@ -154,6 +154,18 @@ def test_a_dry_run_says_what_it_would_measure_and_writes_nothing(tmp_path, capsy
 
 
 @pytest.mark.parametrize(
+    ("name", "said"),
+    [("file", "is a file; name a folder"), ("others", "holds files that are no run of ours")],
+)
+def test_a_dry_run_checks_the_folder(tmp_path, capsys, name, said):
+    (tmp_path / "file").touch()
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others/mine.txt").touch()
+    assert command.main(Coins(), Options(tmp_path / name), program="coins", dry_run=True) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("jobs", "left_s"), [(1, [None, 30.0, 20.0, 10.0, 0.0]), (2, [None, 50 / 3, 12.0, 30 / 7, 0.0])]
 )
 def test_the_remaining_time_is_known_when_frames_have_been_timed(

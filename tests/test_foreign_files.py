@@ -13,8 +13,12 @@ import pytest
 from hostile import assert_refused, ended
 from test_engine import Coins, Options, command
 from test_fuzz import measured_here
+from waiting import ran_python
 
 from radalt.core.mitigation import MitigationError, create
+from radalt.core.parsing import InputError
+from radalt.core.returns.terrain import Terrain
+from radalt.core.sigmf_file import open_sigmf
 from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine.options import check_ours
@@ -88,6 +92,30 @@ def test_the_user_s_own_style_is_as_before_a_report():
         with own_style():
             assert all(matplotlib.rcParams[key] == matplotlib.rcParamsDefault[key] for key in theirs)
         assert all(matplotlib.rcParams[key] == value for key, value in theirs.items())
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("sigmf", lambda path: open_sigmf(path / "x.sigmf-meta")),
+        ("dted", lambda path: Terrain.load([path / "x.dt0"])),
+    ],
+)
+def test_an_optional_package_that_is_missing_is_named_with_the_remedy(monkeypatch, tmp_path, name, read):
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(
+        InputError, match=f"needs the package {name}, which .*python.* lacks; run 'make setup'"
+    ):
+        read(tmp_path)
+
+
+def test_a_live_flowgraph_without_a_display_is_one_line():
+    """Qt would abort."""
+    program = "from gnuradio import qtgui; from radalt.evaluation.flowgraph.window import by_hand"
+    env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")}
+    done = ran_python("-c", program, env=env)
+    assert done.returncode == 2 and done.stderr.startswith("no display for the window; ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_a_numpy_that_gnu_radio_was_not_built_for_is_one_line(root, tmp_path):

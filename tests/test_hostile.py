@@ -68,7 +68,7 @@ YAML = {
     "sir": ("interference: {qpsk: {sir_db: -5000}}", "sir_db is -5000"),
     "tones beside the band": ("interference: {tones: {span_hz: 1.0e+9}}", "at most the rate"),
     "nr seed": ("interference: {nr: {seed: -1}}", "nr.seed is -1; it has to be within 0"),
-    "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "at least 1 Hz"),
+    "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "within 1000.."),
     "threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: x}}", "tcae.threads is 'x'"),
     "delay": ("channel: {jammer_delay_samples: 1.0e+9}", "within 0..1e+06"),
     "empty list of lists": ("sweep: {overlap: [[]]}", "sweep.overlap"),

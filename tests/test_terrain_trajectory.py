@@ -15,6 +15,12 @@ def _state_vectors(tmp_path, rows):
     return path
 
 
+def track(names, cells, *, start=0, step=1, east=1e-3, rows=5):
+    """A CSV file along 42 degrees north."""
+    lines = [f"{start + step * k},42,{-88 + east * k},{cells.format(k=k)}" for k in range(rows)]
+    return "\n".join([f"time,lat,lon,{names}", *lines])
+
+
 def test_shipped_approach_is_a_three_degree_path_with_flare(root):
     track = Trajectory.load(root / "flowgraphs" / "landing" / "approach_kord_10c.csv")
     states = track.states(np.array([track.start_s + 5.0, 60.0, 120.0]))
@@ -69,7 +75,9 @@ def test_adsb_state_vectors_load_as_they_come(tmp_path):
     rows += ["1600000200,a0b1c2,41.96,-87.93,60,90,0,true,,"]
     path = _state_vectors(tmp_path, rows)
     track = Trajectory.load(path, altitude_offset_m=34.0)
-    assert dict(track.skipped) == {"no position or altitude": 1, "on the ground": 1, "stale position": 5}
+    assert (
+        track.time_s.size == 41 - 7
+    )  # one without position, one on the ground, five with the position before
     assert track.altitude_m[0] == pytest.approx(round(800 / 7.62) * 7.62 + 94.0)
     assert Trajectory.load(path, altitude="baro").altitude_m[0] == pytest.approx(round(800 / 7.62) * 7.62)
     state = track.state(1600000080.0)
@@ -107,8 +115,16 @@ def test_a_gap_is_named_unless_allowed(tmp_path):
         ("time,lat,lon,alt\n0,42,-88,500\n", "1 usable points"),
         ("time,lat,lon,alt\n0,42,-88,5\n1,42,-88,5\n1,42,-88,5\n2,42,-88,5\n", "time goes from 1 s to 1 s"),
         ("time,lat,lon,alt\n0,92,-88,5\n1,92,-88,5\n2,92,-88,5\n3,92,-88,5\n", "latitudes"),
+        (track("altitude,vertical_rate", "1000,1200"), "altitude beside vertical_rate.*altitude_unit: ft"),
+        (track("geoaltitude,groundspeed", "1000,140"), "geoaltitude beside groundspeed.*altitude_unit"),
+        (track("altitude", "{k}125"), r"1000 m/s from t = 0 s to point 2.*max_vertical_speed_m_per_s = 60"),
+        (track("altitude", "500", east=0.1), r"828. m/s .*max_speed_m_per_s = 700"),
+        (track("altitude", "500", step=1000), "milliseconds; give seconds"),
+        (track("altitude", "500", step=12, east=1e-5, rows=2000), "milliseconds; give seconds"),
+        (track("altitude", "500", start=1.6e12), "milliseconds; give seconds"),
         ("", "no column for time"),
     ],
+    ids=lambda value: value[:40],
 )
 def test_files_that_do_not_fit_get_one_line(tmp_path, text, message):
     path = tmp_path / "track.csv"
@@ -119,17 +135,32 @@ def test_files_that_do_not_fit_get_one_line(tmp_path, text, message):
 
 
 def test_queries_outside_and_missing_files_are_refused(tmp_path):
-    track = Trajectory(np.arange(5.0), np.full(5, 42.0), np.linspace(-88, -87.9, 5), np.full(5, 400.0))
+    track = Trajectory(np.arange(5.0), np.full(5, 42.0), np.linspace(-88, -87.99, 5), np.full(5, 400.0))
     with pytest.raises(TrajectoryError, match=r"t = 9 s is outside 0\.\.4 s"):
         track.state(9.0)
     with pytest.raises(TrajectoryError, match="name a CSV file"):
         Trajectory.load(tmp_path / "none.csv")
 
 
-def test_feet_and_comments_are_understood(tmp_path):
+@pytest.mark.parametrize(
+    ("names", "cells", "settings", "altitude_m"),
+    [
+        ("altitude_ft", "1000", {}, 304.8),
+        ("alt_baro,gs", "1000,140", {}, 304.8),
+        ("altitude,track", "1000,90", {"altitude_unit": "ft"}, 304.8),
+        ("altitude,track", "1000,90", {"altitude_unit": "m"}, 1000.0),
+        ("altitude_m,callsign", "1000,AB1", {}, 1000.0),
+        ("altitude,geoaltitude,baroaltitude", "1,2,3", {"altitude": "baro"}, 3.0),
+        ("altitude,geoaltitude,baroaltitude", "1,2,3", {"altitude": "geo"}, 2.0),
+        ("altitude,geoaltitude,baroaltitude", "1,2,3", {}, 1.0),
+    ],
+)
+def test_the_column_and_its_unit_are_those_meant(tmp_path, names, cells, settings, altitude_m):
     path = tmp_path / "t.csv"
-    path.write_text(
-        "# a comment\ntime,lat,lon,altitude_ft\n"
-        + "".join(f"{k},42,{-88 + k / 1e3},1000\n" for k in range(5))
-    )
-    assert Trajectory.load(path).altitude_m == pytest.approx(304.8)
+    path.write_text("# a comment\n" + track(names, cells))
+    assert Trajectory.load(path, **settings).altitude_m == pytest.approx(altitude_m)
+
+
+def test_what_rises_on_the_spot_stays_level(tmp_path):
+    hover = Trajectory(np.arange(5.0), np.full(5, 42.0), np.full(5, -88.0), 5 * np.arange(5.0))
+    assert hover.state(2.0).pitch_deg < 17.0

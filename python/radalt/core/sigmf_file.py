@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from .parsing import LARGEST, InputError, check_file, read_bytes, shown
-from .paths import remedy
+from .paths import extra
 
 EXTENSIONS = [
     {"name": "radalt", "version": "1.0.0", "optional": True}
@@ -82,9 +82,7 @@ class SigmfFile:
                 self._readers.append((int(capture.get("core:sample_start", 0)), self._reader(data, skipped)))
 
     def _reader(self, data: _Data, skipped: int) -> Any:
-        import sigmf
-
-        reader = sigmf.SigMFFile(global_info={"core:datatype": self.datatype})
+        reader = extra("sigmf").SigMFFile(global_info={"core:datatype": self.datatype})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # sizes have been checked
             return data.attach(reader, skipped)
@@ -113,11 +111,7 @@ def open_sigmf(path: Path | str) -> SigmfFile:
     InputError
         One line: what is missing, truncated or does not match.
     """
-    try:
-        import sigmf
-    except ImportError:
-        raise InputError(f"SigMF needs the package sigmf; {remedy('sigmf')}") from None
-    path = Path(path)
+    sigmf, path = extra("sigmf"), Path(path)
     archive = path.name.endswith(_ARCHIVES) and path.is_file()
     meta = path if archive else path.with_suffix(".sigmf-meta")
     if not meta.is_file():

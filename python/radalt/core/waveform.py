@@ -12,6 +12,8 @@ from typing import ClassVar
 import numpy as np
 from scipy.constants import speed_of_light as C_M_PER_S
 
+from .parsing import check_range
+
 __all__ = [
     "C_M_PER_S",
     "SHAPES",
@@ -105,10 +107,9 @@ class Waveform:
     deramped: ClassVar[bool] = False  # whether frames come after the mixer: `core.deramp.IfWaveform`
 
     def __post_init__(self) -> None:
-        for name in ("bandwidth_hz", "sweep_s", "rate_hz", "carrier_hz"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"waveform.{name} is {value!r}; it has to be a finite number above 0")
+        # below them a resolution of kilometres, or megahertz written as hertz
+        least = {"bandwidth_hz": (1e5, 5e9), "rate_hz": (1e4, 5e9), "carrier_hz": (1e8, 1e12)}
+        check_range("waveform", self, **least, sweep_s=(1e-9, 1e5))
         if self.shape not in SHAPES:
             raise ValueError(f"waveform.shape is {self.shape!r}; allowed: {', '.join(SHAPES)}")
         if not (self.centered or self.separates_doppler):

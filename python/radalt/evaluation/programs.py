@@ -127,7 +127,3 @@ def _environment() -> str:
         rest = '":${MANPATH:-}"' if name == "MANPATH" else f'"${{{name}:+:${name}}}"'
         lines.append(f"export {name}={shlex.quote(str(value))}{rest}")
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -44,8 +44,9 @@ class DelayLine:
         self._early = self._parts * self._hop - block + self._size - _TAIL - self._hop
         self._history = int(np.ceil(max_delay)) + HALF_TAPS + self._early
         # spare blocks, so that the history is not copied with every push
-        self._store = np.zeros(self._history + (1 + _SPARE_BLOCKS) * block, dtype=np.complex64)
+        self._store = np.empty(self._history + (1 + _SPARE_BLOCKS) * block, dtype=np.complex64)
         self._end = self._history + block
+        self._store[: self._end] = 0
         self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
         self._alike = 0  # number of equal blocks at the end of the store
         self._settled: dict[float, np.ndarray] = {}  # output by delay while all blocks in reach are equal

@@ -8,6 +8,7 @@ from typing import Any
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+MINUS = "\u2212"  # the minus sign of texts and figures, which no number of Python has
 # limits of a value in a message, so that a line has room for the limit and the remedy, too
 _SHOWN = reprlib.Repr()
 _SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother, _SHOWN.maxlong = 2, 60, 60, 40
@@ -47,7 +48,8 @@ def check_range(where: str, owner: object, **limits: tuple[float, float]) -> Non
     Raises
     ------
     ValueError
-        One line: ``where.name``, value and limits; also for NaN.
+        One line: ``where.name``, value, limits, and of a frequency below them the value in MHz, kHz or GHz that lies
+        within; also for NaN.
 
     Examples
     --------
@@ -59,4 +61,7 @@ def check_range(where: str, owner: object, **limits: tuple[float, float]) -> Non
     for name, (low, high) in limits.items():
         value = getattr(owner, name)
         if value is not None and not low <= value <= high:
-            raise ValueError(f"{where}.{name} is {value:g}; it has to be within {low:g}..{high:g}")
+            units = (1e6, 1e3, 1e9) if name.endswith("_hz") else ()
+            meant = [value * unit for unit in units if low <= value * unit <= high]
+            hint = f"; did you mean {meant[0]:g}?" if meant else ""
+            raise ValueError(f"{where}.{name} is {value:g}; it has to be within {low:g}..{high:g}{hint}")

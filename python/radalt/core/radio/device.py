@@ -3,6 +3,7 @@
 Scenes import this file, and the other radio code imports scenes: it imports only the plugins of this package.
 """
 
+import math
 from dataclasses import dataclass
 
 from ..plugins import load_plugins
@@ -31,6 +32,8 @@ class Device:
         Highest input that does no damage.
     tx_antenna, rx_antenna : str
         Ports, distinct since the radar transmits and receives at once.
+    link_hz : float
+        Samples per second that the link to the computer carries, both directions together.
     """
 
     name: str
@@ -46,6 +49,7 @@ class Device:
     max_rx_dbm: float
     tx_antenna: str
     rx_antenna: str
+    link_hz: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("tuning_hz", "master_clock_hz", "rate_hz", "tx_gain_db", "rx_gain_db"):
@@ -72,6 +76,7 @@ B210 = Device(
     max_rx_dbm=-15.0,
     tx_antenna="TX/RX",
     rx_antenna="RX2",
+    link_hz=61.44e6,  # 246 MB/s of 16-bit IQ, host bandwidth of USB 3 (Ettus AN-177)
 )
 DEVICES: dict[str, Device] = {}
 

@@ -290,12 +290,13 @@ class PairSearch:
         up, down = each[:, 0], each[:, 1]
         count, n = up.shape[1], np.arange(len(up))[:, None]
         least, most = (_FINER * cells for cells in self.apart)
-        # sums over the partners least..most below each up point
-        sums = np.zeros((len(down), count + 1))
-        np.cumsum(down, axis=1, out=sums[:, 1:])
-        points = np.arange(count)
-        above, below = (_within(points - d, count + 1) for d in (least - 1, most))
-        total = np.einsum("ni,ni->n", up, sums[:, above] - sums[:, below])
+        # sums over the partners least..most below each up point, with room for partners beyond either end
+        before, beyond = max(most, 0), max(1 - least, 0)
+        sums = np.zeros((len(down), before + count + 1 + beyond))
+        np.cumsum(down, axis=1, out=sums[:, before + 1 : before + count + 1])
+        sums[:, before + count + 1 :] = sums[:, before + count, None]
+        above, below = (sums[:, before - d :][:, :count] for d in (least - 1, most))
+        total = np.einsum("ni,ni->n", up, above - below)
         # all pairs around the one found, by the difference of their points and by the sum, which is twice the altitude
         near = 2.0 * _FINER * self.near
         apart = np.arange(least, most + 1)[:, None]

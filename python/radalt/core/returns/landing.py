@@ -32,14 +32,18 @@ class TrajectorySpec:
         CSV with a track, or with ADS-B state vectors.
     aircraft : str or None
         The icao24 address or callsign to take from a file of several.
-    altitude : str
-        Which altitude of ADS-B state vectors: ``"geo"`` (GNSS) or ``"baro"`` (barometric).
+    altitude : str or None
+        Which of several altitudes: ``"geo"`` (GNSS) or ``"baro"`` (barometric); None: the plain one, or the first.
+    altitude_unit : str or None
+        ``"m"`` or ``"ft"``, of a column that does not state it; None: metres, and an error in a flight log.
     altitude_offset_m : float
         Added to the file's altitudes: minus the geoid undulation where they are above the ellipsoid.
     angle_of_attack_deg : float
         Pitch above the path angle.
     max_gap_s : float
         Longest gap between two rows that is interpolated.
+    max_speed_m_per_s, max_vertical_speed_m_per_s : float
+        Largest speed over ground, and vertical speed, from row to row.
     start_s : float or None
         Start of the flight, in the file's time; None: the first row.
     end_s : float or None
@@ -48,10 +52,13 @@ class TrajectorySpec:
 
     file: str = "approach_kord_10c.csv"
     aircraft: str | None = None
-    altitude: str = "geo"
+    altitude: str | None = None
+    altitude_unit: str | None = None
     altitude_offset_m: float = 0.0
     angle_of_attack_deg: float = 5.0
     max_gap_s: float = 15.0
+    max_speed_m_per_s: float = 700.0
+    max_vertical_speed_m_per_s: float = 60.0
     start_s: float | None = None
     end_s: float | None = None
 
@@ -65,7 +72,7 @@ class TerrainSpec:
     files : tuple of str
         DTED files of all cells that the flight crosses; none for a flat earth.
     void : str
-        Posts without a height: ``"error"`` refuses them, ``"fill"`` interpolates.
+        Posts without a height: ``"error"`` refuses them, ``"fill"`` takes the nearest one's.
     flat_m : float
         Elevation of the flat earth above mean sea level.
     """
@@ -177,15 +184,9 @@ class LandingSpec:
         """The trajectory; raises `TrajectoryError`."""
         from .terrain import Trajectory
 
-        spec = self.trajectory
-        return Trajectory.load(
-            self.path(spec.file),
-            aircraft=spec.aircraft,
-            altitude=spec.altitude,
-            altitude_offset_m=spec.altitude_offset_m,
-            angle_of_attack_deg=spec.angle_of_attack_deg,
-            max_gap_s=spec.max_gap_s,
-        )
+        given = vars(self.trajectory).copy()
+        file, _, _ = (given.pop(name) for name in ("file", "start_s", "end_s"))
+        return Trajectory.load(self.path(file), **given)
 
     def window_s(self, flight: Trajectory, margin_s: float) -> tuple[float, float]:
         """First and last instant in use, ``margin_s`` inside ``start_s..end_s``; raises `TrajectoryError`."""

@@ -70,7 +70,7 @@ def _located(value: Any, folder: Path, where: str) -> Any:
     if isinstance(value, list):
         return [_located(part, folder, f"{where}.{number}") for number, part in enumerate(value)]
     kind = next((kind for keys, kind in _FILES.items() if re.fullmatch(keys, where)), "")
-    if kind == "" or not isinstance(value, str) or not value:
+    if kind == "" or not isinstance(value, str) or not value or os.path.isabs(value):
         return value
     if "+" in value and not os.path.exists(folder / value):  # a network's encoder and decoder
         return "+".join(_located(part, folder, where) for part in value.split("+"))

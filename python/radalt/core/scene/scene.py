@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 from ..channel.settings import ChannelSettings
@@ -166,7 +167,7 @@ class Scene:
         """Farthest ground: the highest altitude; of terrain half as far again, beyond its nearest point."""
         return max(self.altitude.programme.altitudes_m) * (1.5 if self.return_model == "terrain" else 1.0)
 
-    @property
+    @cached_property
     def altimeter_settings(self) -> AltimeterSettings:
         """Settings of the altimeter; an open search span is taken from the scene's altitudes."""
         # the range rate of terrain differs from the aircraft's

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -113,7 +114,7 @@ class AltitudeSpec:
         """Largest range rate that is flown."""
         return self.vertical_speed_m_per_s if self.drawn is None else self.drawn.speed_m_per_s
 
-    @property
+    @cached_property
     def programme(self) -> Programme:
         """The frame-by-frame programme."""
         drawn = None if self.drawn is None else self.drawn.draw().T.tolist()
@@ -152,6 +153,9 @@ class SweepSpec:
         for value in self.overlap:
             if not 0 <= value <= 1:
                 raise ValueError(f"sweep.overlap holds {value:g}; overlaps have to be within 0..1")
+        for value in self.sir_db:
+            if value > 20:  # no effect on any altitude
+                raise ValueError(f"sweep.sir_db holds {value:g}; at most 20: did you mean {-value:g}?")
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..results.folder import FolderError
+from ..results.folder import FolderError, RunFolder
 from ..results.table import counted
 from .options import EXPECTED, Options, Terminated, complain, duration
 from .publish import check_target, publish
-from .run import Progress, run
+from .run import Progress, head_of, run
 from .study import Study
 
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
@@ -85,6 +85,7 @@ def main(
         frames = counted(sum(p.frames for p in points), "frame")
         print(f"{program}: {counted(len(points), 'point')}, {frames} -> {options.out}", flush=True)
         if dry_run:
+            RunFolder(options.out, head_of(study), resume=options.resume, dry=True)
             return 0
         page = run(study, options, bar)
         bar.close()

@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NoReturn
 
-from ...core.parsing.messages import did_you_mean
+from ...core.parsing.messages import MINUS, did_you_mean
 from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
@@ -47,7 +47,7 @@ def number(kind: type, low: float, high: float) -> Callable[[str], float]:
 
     def parse(text: str) -> float:
         try:
-            value = kind(text)
+            value = kind(text.replace(MINUS, "-"))
         except ValueError:
             value = None
         if value is None or not low <= value <= high:

@@ -35,11 +35,12 @@ def _arguments(parser: Parser) -> None:
         type=number(float, -1e5, 1e5),
         help="added to the trajectory's altitudes (datum)",
     )
+    add("--altitude-unit", choices=("m", "ft"), help="of an altitude column that does not state it")
     add("--max-gap-s", type=number(float, 0, 1e6), help="longest gap in the trajectory that is interpolated")
     add("--terrain", type=path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
     add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
     add("--flat-m", type=number(float, -1e4, 1e4), help="elevation of the flat earth")
-    add("--sir-db", type=number(float, -200, 200), help="SIR of the approach and the sensitivity table")
+    add("--sir-db", type=number(float, -200, 20), help="SIR of the approach and the sensitivity table")
     add("--methods", help="comma-separated, e.g. none,whitening,tcae")
     add("--frames", type=number(int, 0, 2_000_000), help="frames of the approach; 0 leaves it out")
     add("--trials", type=number(int, 0, 1_000_000), help="frames per point of the curves; 0 leaves them out")
@@ -72,6 +73,7 @@ def _config(args: argparse.Namespace) -> "LandingConfig":
         file=str(args.trajectory.resolve()) if args.trajectory else None,
         aircraft=args.aircraft,
         altitude_offset_m=args.altitude_offset_m,
+        altitude_unit=args.altitude_unit,
         max_gap_s=args.max_gap_s,
     )
     files = None if args.terrain is None else tuple(str(p.resolve()) for p in args.terrain)

@@ -10,6 +10,7 @@ import numpy as np
 from ...core.mitigation import OwnProcess
 from ...core.mitigation.onnx_network import OnnxNetwork
 from ...core.mitigation.tcae import default_model_path
+from ...core.receiver.altimeter import Spectra
 from ...core.scene import Scene
 from ...evaluation.flowgraph.generate import Prepared
 from ...evaluation.flowgraph.run import make_top
@@ -65,19 +66,31 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
         if not found:
             continue
         received = np.stack([frame.samples for frame in found])
+        # by the block of the segmenter, for all methods
+        quality = timed("frame_segmenter", 0, lambda x=received: top.frame_segmenter._quality(x))
         for method in prepared.methods:
-            cleaned = _cleaned(timed, top, method, received, batch)
+            cleaned = _cleaned(timed, top, method, (received, quality), batch)
             block = getattr(top, f"altimeter_{method}")
-            timed(f"altimeter_{method}", len(found), lambda a=block.altimeter, x=cleaned: a.process(x))
+            spectra, _ = timed(
+                f"altimeter_{method}", len(found), lambda b=block, x=(cleaned, quality): _measured(b, *x)
+            )
             if hasattr(block, "tracker"):
                 beside = None if method == "none" else received
-                _track(timed, method, block, cleaned, beside)
+                _track(timed, method, block, spectra, beside)
     if "tcae" in prepared.methods:
         _run_graph(timed, n, batch, frames)
     return {name: seconds / counted[name] for name, seconds in spent.items()}
 
 
-def _cleaned(timed: Callable, top: Any, method: str, received: np.ndarray, batch: int) -> np.ndarray:
+def _measured(block: Any, frames: np.ndarray, quality: np.ndarray) -> tuple[Spectra, np.ndarray]:
+    spectra = block.altimeter.spectra(frames, quality)
+    return spectra, block.altimeter.detect(spectra)
+
+
+def _cleaned(
+    timed: Callable, top: Any, method: str, known: tuple[np.ndarray, np.ndarray], batch: int
+) -> np.ndarray:
+    received, quality = known
     block = getattr(top, f"mitigation_{method}", None)
     if block is None:  # none
         return received
@@ -87,19 +100,18 @@ def _cleaned(timed: Callable, top: Any, method: str, received: np.ndarray, batch
     step = batch if method == "tcae" else type(block.method).batch
     for first in range(0, len(received), step):
         span = slice(first, first + step)
-        work = lambda at=span: block.method.process_into(received[at], out[at])  # noqa: E731
+        work = lambda at=span: block.method.process_into(received[at], out[at], quality[at])  # noqa: E731
         timed(f"mitigation_{method}", len(received[span]), work)
     return out
 
 
-def _track(
-    timed: Callable, method: str, block: Any, cleaned: np.ndarray, received: np.ndarray | None
-) -> None:
+def _track(timed: Callable, method: str, block: Any, spectra: Spectra, received: np.ndarray | None) -> None:
     """What a tracker does beyond an altimeter: spectra of the received frames, sums and decisions."""
-    spectra, beside = block.altimeter.spectra(cleaned), None
+    count, beside = len(spectra.power), None
     if received is not None:
-        beside = timed(f"received_{method}", len(cleaned), lambda: block.altimeter.spectra(received))
-    timed(f"tracker_{method}", len(cleaned), lambda: block.tracker.process(spectra, received=beside))
+        work = lambda: block.altimeter.spectra(received, spectra.quality)  # noqa: E731
+        beside = timed(f"received_{method}", count, work)
+    timed(f"tracker_{method}", count, lambda: block.tracker.process(spectra, received=beside))
 
 
 def _run_graph(timed: Callable, samples: int, batch: int, frames: int) -> None:

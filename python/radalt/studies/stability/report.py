@@ -59,6 +59,7 @@ def write_report(
     folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
     values = {
         "counts": _counts(rows),
+        "failed_checks": len(failures(tables | {"rows": []})),
         "group_table": _group_table(rows),
         "not_passed": _not_passed(tables),
         "step_table": _step_table(tables["step_limits"]),

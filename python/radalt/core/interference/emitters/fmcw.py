@@ -56,8 +56,8 @@ class FmcwEmitter(NamedEmitter):
     always_in_window: bool = True
 
     def __post_init__(self) -> None:
-        check_positive("fmcw", sweep_bandwidth_hz=self.sweep_bandwidth_hz, sweep_period_s=self.sweep_period_s)
-        check_range("fmcw", self, up_fraction=(0.0, 1.0))
+        check_positive("fmcw", sweep_period_s=self.sweep_period_s)
+        check_range("fmcw", self, up_fraction=(0.0, 1.0), sweep_bandwidth_hz=(1e3, 5e9))
         if not np.isfinite(self.carrier_hz):
             raise ValueError(f"fmcw.carrier_hz is {self.carrier_hz!r}; it has to be finite")
 

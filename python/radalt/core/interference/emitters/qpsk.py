@@ -73,11 +73,9 @@ class QpskEmitter(NamedEmitter):
 
     def __post_init__(self) -> None:
         check_evm("qpsk", self.evm)
-        if not self.bandwidth_hz >= 1.0:
-            raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be at least 1 Hz")
         if self.pulse not in ("rectangular", "rrc"):
             raise ValueError(f"qpsk.pulse is {self.pulse!r}; allowed: rectangular, rrc")
-        check_range("qpsk", self, rolloff=(0.0, 1.0))
+        check_range("qpsk", self, rolloff=(0.0, 1.0), bandwidth_hz=(1e3, 1e9))
 
     @property
     def label(self) -> str:

@@ -1,4 +1,4 @@
-"""Every number of the OFDM canceller that could have been another one."""
+"""Tuned thresholds of the OFDM canceller."""
 
 from dataclasses import dataclass
 

@@ -9,9 +9,13 @@ from typing import Protocol
 import numpy as np
 
 from ...parsing import InputError, check_file
+from ...paths import extra
 from .geodesy import curvature_radii_m
 
 VOID_M = -32767  # elevation that marks a post without data (MIL-PRF-89020B, 3.11.2)
+_DEEPEST_M = (
+    -12000
+)  # below it a post is a negative in two's complement, which some producers write for sign and size
 _MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
 
 
@@ -65,8 +69,6 @@ class DtedCell:
         Elevations above mean sea level; NaN marks a void.
     source : str
         File name, for messages.
-    filled : int
-        Voids that were filled on loading.
     """
 
     south_deg: float
@@ -75,7 +77,6 @@ class DtedCell:
     step_lon_deg: float
     elevation_m: np.ndarray
     source: str = ""
-    filled: int = 0
 
     @property
     def north_deg(self) -> float:
@@ -104,8 +105,7 @@ class DtedCell:
         TerrainError
             If the file is missing, damaged (header, length or checksum), or holds nothing but voids.
         """
-        import dted
-        from dted.errors import InvalidFileError
+        dted = extra("dted")
 
         if void not in ("error", "fill"):
             raise TerrainError(f"void policy is {void!r}; allowed: error, fill")
@@ -117,13 +117,14 @@ class DtedCell:
             tile = dted.Tile(path, warn=False)
         except OSError as error:
             raise TerrainError(f"terrain file {path}: {error.strerror or error}; name a DTED file") from error
-        except (InvalidFileError, ValueError, IndexError, struct.error) as error:
+        except (dted.errors.InvalidFileError, ValueError, IndexError, struct.error) as error:
             reason = " ".join(str(error).split())
             raise TerrainError(
                 f"terrain file {path} is not intact DTED ({reason}); fetch it again"
             ) from error
         posts = np.asarray(tile.data, dtype=float)
-        posts[np.asarray(tile.data) == VOID_M] = np.nan
+        posts[posts == VOID_M] = np.nan
+        posts = np.where(posts < _DEEPEST_M, -32768.0 - posts, posts)
         voids = int(np.isnan(posts).sum())
         if voids == posts.size:
             raise TerrainError(f"terrain file {path} holds {voids} voids and no elevation")
@@ -136,7 +137,6 @@ class DtedCell:
             step_lon_deg=tile.dsi.longitude_interval / 3600.0,
             elevation_m=posts,
             source=path.name,
-            filled=voids if void == "fill" else 0,
         )
 
     def inside(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
@@ -144,13 +144,16 @@ class DtedCell:
         return (
             (latitude_deg >= self.south_deg)
             & (latitude_deg <= self.north_deg)
-            & (longitude_deg >= self.west_deg)
-            & (longitude_deg <= self.east_deg)
+            & (self._east_of_edge_deg(longitude_deg) <= self.east_deg - self.west_deg)
         )
+
+    def _east_of_edge_deg(self, longitude_deg: np.ndarray) -> np.ndarray:
+        """Longitudes from the western edge, 0..360: across the 180 degree meridian as anywhere."""
+        return (longitude_deg - self.west_deg) % 360.0
 
     def interpolate(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> tuple[np.ndarray, ...]:
         """Bilinear height, and its derivatives per degree of longitude and of latitude, of points inside."""
-        x = (longitude_deg - self.west_deg) / self.step_lon_deg
+        x = self._east_of_edge_deg(longitude_deg) / self.step_lon_deg
         y = (latitude_deg - self.south_deg) / self.step_lat_deg
         i = np.clip(np.floor(x).astype(np.intp), 0, self.elevation_m.shape[0] - 2)
         j = np.clip(np.floor(y).astype(np.intp), 0, self.elevation_m.shape[1] - 2)

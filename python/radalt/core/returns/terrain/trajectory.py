@@ -20,13 +20,17 @@ COLUMNS = {
     "time": ("time_s", "time", "timestamp"),
     "latitude": ("latitude_deg", "latitude", "lat"),
     "longitude": ("longitude_deg", "longitude", "lon", "long"),
-    "altitude": ("altitude_m", "altitude", "alt"),
-    "altitude_ft": ("altitude_ft", "alt_ft"),
-    "geo": ("geoaltitude", "geo_altitude"),
-    "baro": ("baroaltitude", "baro_altitude"),
+    "altitude": ("altitude_m", "altitude_ft", "alt_ft", "altitude", "alt"),
+    "geo": ("geoaltitude", "geo_altitude", "alt_geom"),
+    "baro": ("baroaltitude", "baro_altitude", "alt_baro"),
     "aircraft": ("icao24", "hex", "callsign"),
     "onground": ("onground", "on_ground"),
 }
+# Altitude columns that state their unit, and columns beside which others hold feet as often as metres (OpenSky's own
+# state vectors, which have `velocity`, are metric)
+_UNITS = {"altitude_m": "m", "altitude_ft": "ft", "alt_ft": "ft", "alt_baro": "ft", "alt_geom": "ft"}
+_LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight callsign".split())
+_SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
 
 
 class TrajectoryError(InputError):
@@ -86,15 +90,16 @@ class Trajectory:
         Added to the path angle; airliners fly a 3 degree approach nose up by about 2.
     max_gap_s : float
         Longest step between points that is interpolated across.
+    max_speed_m_per_s, max_vertical_speed_m_per_s : float
+        Largest speed over ground, and vertical speed, from one point to the next.
     source : str
         File name, for messages.
-    skipped : tuple of (str, int)
-        Rows of the file left out, by reason.
 
     Raises
     ------
     TrajectoryError
-        If there are too few points, time runs backwards, a gap is too long, or a position is impossible.
+        If there are too few points, time runs backwards or is no seconds, a gap is too long, or a position or speed is
+        impossible.
     """
 
     time_s: np.ndarray
@@ -103,8 +108,9 @@ class Trajectory:
     altitude_m: np.ndarray
     angle_of_attack_deg: float = 5.0
     max_gap_s: float = 15.0
+    max_speed_m_per_s: float = 700.0
+    max_vertical_speed_m_per_s: float = 60.0
     source: str = "trajectory"
-    skipped: tuple[tuple[str, int], ...] = ()
 
     def __post_init__(self) -> None:
         t = np.asarray(self.time_s, dtype=float)
@@ -128,12 +134,32 @@ class Trajectory:
                 f"{self.source}: time goes from {t[k]:g} s to {t[k + 1]:g} s at point {k + 2}; "
                 "sort the rows by time"
             )
+        meridian, prime = curvature_radii_m(self.latitude_deg[1:])
+        east = prime * np.cos(np.radians(self.latitude_deg[1:])) * np.radians(np.diff(self._longitude_deg))
+        moved = np.hypot(meridian * np.radians(np.diff(self.latitude_deg)), east)
+        # 300 m/s by a clock of milliseconds is 0.3 m/s, at which nothing flies a kilometre; 1e11 s is the year 5138
+        slow = moved.sum() < 0.3 * (t[-1] - t[0]) and (moved.sum() > 1e3 or np.median(step) > self.max_gap_s)
+        if slow or t[0] > 1e11:
+            raise TrajectoryError(
+                f"{self.source}: from {t[0]:.12g} to {t[1]:.12g} it moves {moved[0]:.3g} m, so the times look like "
+                "milliseconds; give seconds: divide them by 1000"
+            )
         if step.max() > self.max_gap_s:
             k = int(np.argmax(step))
             raise TrajectoryError(
                 f"{self.source}: no points for {step[k]:.3g} s after t = {t[k]:g} s, more than max_gap_s = "
                 f"{self.max_gap_s:g} s; cut the file there or raise max_gap_s"
             )
+        climbed = np.abs(np.diff(self.altitude_m))
+        for name, way in {"max_speed_m_per_s": moved, "max_vertical_speed_m_per_s": climbed}.items():
+            # over a second at least, since positions and altitudes are rounded
+            rate, limit = way / np.maximum(step, 1.0), getattr(self, name)
+            if rate.max() > limit:
+                k = int(np.argmax(rate))
+                raise TrajectoryError(
+                    f"{self.source}: {rate[k]:.0f} m/s from t = {t[k]:.12g} s to point {k + 2}, t = {t[k + 1]:.12g} s, "
+                    f"more than {name} = {limit:g}; leave the wrong row out, or raise the limit"
+                )
 
     @classmethod
     def load(
@@ -141,28 +167,34 @@ class Trajectory:
         path: Path | str,
         *,
         aircraft: str | None = None,
-        altitude: str = "geo",
+        altitude: str | None = None,
+        altitude_unit: str | None = None,
         altitude_offset_m: float = 0.0,
-        angle_of_attack_deg: float = 5.0,
-        max_gap_s: float = 15.0,
+        **settings: float,
     ) -> "Trajectory":
         """Read a track from CSV; lines beginning with ``#`` are comments.
 
-        The columns distinguish a plain track (time, latitude, longitude, altitude in metres, or altitude_ft)
-        from ADS-B state vectors of the OpenSky Network (time, icao24, lat, lon, velocity, heading, vertrate,
-        onground, baroaltitude, geoaltitude; metres, seconds). State vectors on the ground, without position
-        or altitude, or with the position of the row before (stale) are left out.
+        The columns distinguish a plain track (time, latitude, longitude, altitude_m or altitude_ft) from ADS-B
+        state vectors of the OpenSky Network (time, icao24, lat, lon, velocity, heading, vertrate, onground,
+        baroaltitude, geoaltitude; metres, seconds) and of receivers (alt_baro, alt_geom; feet). State vectors on
+        the ground, without position or altitude, or with the position of the row before (stale) are left out.
 
         Parameters
         ----------
         aircraft : str, optional
             ``icao24`` (or callsign) to take from a file with several.
-        altitude : str
-            ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude) for state vectors.
+        altitude : str, optional
+            ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude), where there are several; default
+            the plain altitude, else the first of these.
+        altitude_unit : str, optional
+            ``"m"`` or ``"ft"``, of a column whose name does not state it; needed beside columns of a flight log
+            (groundspeed, vertical_rate, track, callsign), which may hold either, and metres elsewhere.
         altitude_offset_m : float
             Added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around Chicago), the
             pressure correction for barometric ones, minus the height of the reporting antenna above the
             altimeter's.
+        **settings
+            As of the class.
 
         Raises
         ------
@@ -172,25 +204,24 @@ class Trajectory:
         path = Path(path)
         rows, names = _read_rows(path)
         column = {key: next((n for n in options if n in names), None) for key, options in COLUMNS.items()}
-        if altitude not in ("geo", "baro"):
-            raise TrajectoryError(f"{path.name}: altitude source is {altitude!r}; allowed: geo, baro")
-        height = column["altitude"] or column["altitude_ft"] or column[altitude]
+        for name, value, allowed in (("", altitude, ("geo", "baro")), ("_unit", altitude_unit, ("m", "ft"))):
+            if value not in (None, *allowed):
+                raise TrajectoryError(
+                    f"trajectory.altitude{name} is {value!r}; allowed: {', '.join(allowed)}"
+                )
+        height = column[altitude] if altitude else column["altitude"] or column["geo"] or column["baro"]
         missing = [k for k in ("time", "latitude", "longitude") if column[k] is None] + (
-            [] if height else ["altitude"]
+            [] if height else [f"altitude: {altitude}" if altitude else "altitude"]
         )
         if missing:
             raise TrajectoryError(
                 f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}"
             )
+        metres = foot if _unit(path, height, names, altitude_unit) == "ft" else 1.0
         rows = _one_aircraft(path, rows, column["aircraft"], aircraft)
-        kept, skipped = _usable(path, rows, column, height)
-        points = np.array(kept, dtype=float).reshape(-1, 4).T
-        unit = foot if height == column["altitude_ft"] else 1.0
-        return cls(
-            points[0], points[1], points[2], points[3] * unit + altitude_offset_m,
-            angle_of_attack_deg=angle_of_attack_deg, max_gap_s=max_gap_s, source=path.name,
-            skipped=tuple(sorted(skipped.items())),
-        )  # fmt: skip
+        points = np.array(_usable(path, rows, column, height), dtype=float).reshape(-1, 4).T
+        height_m = points[3] * metres + altitude_offset_m
+        return cls(*points[:3], height_m, source=path.name, **settings)
 
     @property
     def start_s(self) -> float:
@@ -203,9 +234,14 @@ class Trajectory:
         return float(self.time_s[-1])
 
     @cached_property
+    def _longitude_deg(self) -> np.ndarray:
+        """(n,) longitudes without a step at the 180 degree meridian."""
+        return np.unwrap(self.longitude_deg, period=360.0)
+
+    @cached_property
     def _position(self) -> PchipInterpolator:
-        lon = np.unwrap(self.longitude_deg, period=360.0)
-        return PchipInterpolator(self.time_s, np.stack([self.latitude_deg, lon, self.altitude_m], axis=1))
+        points = np.stack([self.latitude_deg, self._longitude_deg, self.altitude_m], axis=1)
+        return PchipInterpolator(self.time_s, points)
 
     @cached_property
     def _rate(self) -> PchipInterpolator:
@@ -243,7 +279,8 @@ class Trajectory:
         cross = before[:, 1] * after[:, 0] - before[:, 0] * after[:, 1]
         turn = np.arctan2(cross, np.sum(before[:, :2] * after[:, :2], axis=1)) / span
         roll = np.degrees(np.arctan(ground * turn / g))
-        pitch = np.degrees(np.arctan2(velocity[:, 2], ground)) + self.angle_of_attack_deg
+        forward = np.maximum(ground, _SLOW_M_PER_S)
+        pitch = np.degrees(np.arctan2(velocity[:, 2], forward)) + self.angle_of_attack_deg
         longitude = (position[:, 1] + 180.0) % 360.0 - 180.0
         return [
             AircraftState(
@@ -275,6 +312,20 @@ def _read_rows(path: Path) -> tuple[list[dict[str, str]], set[str]]:
         raise TrajectoryError(f"trajectory file {path}: {error}; name a CSV file") from None
 
 
+def _unit(path: Path, column: str, names: set[str], given: str | None) -> str:
+    """``m`` or ``ft``, of an altitude column."""
+    stated = _UNITS.get(column)
+    if stated and given not in (None, stated):
+        raise TrajectoryError(f"{path.name}: {column} is in {stated}, altitude_unit is {given}; leave it out")
+    logged = sorted(names & _LOGGED)
+    if not (stated or given) and logged and "velocity" not in names:
+        raise TrajectoryError(
+            f"{path.name}: column {column} beside {', '.join(logged)} may be in feet or metres; "
+            "give trajectory.altitude_unit: ft, or m"
+        )
+    return stated or given or "m"
+
+
 def _one_aircraft(
     path: Path, rows: list[dict[str, str]], column: str | None, wanted: str | None
 ) -> list[dict[str, str]]:
@@ -298,27 +349,22 @@ def _one_aircraft(
 
 def _usable(
     path: Path, rows: list[dict[str, str]], column: dict[str, str | None], height: str
-) -> tuple[list[list[float]], Counter]:
-    """Points (time, latitude, longitude, altitude), and counts of skipped rows by reason."""
+) -> list[list[float]]:
+    """Points (time, latitude, longitude, altitude) of rows that are in the air, complete and not stale."""
     kept: list[list[float]] = []
-    skipped: Counter = Counter()
     names = [column["time"], column["latitude"], column["longitude"], height]
     state_vectors = height in COLUMNS["geo"] + COLUMNS["baro"]
     for number, row in enumerate(rows, start=1):
         cells = [(row[name] or "").strip() for name in names]
-        if column["onground"] and row[column["onground"]].strip().lower() in ("true", "1", "t"):
-            skipped["on the ground"] += 1
-        elif any(cell.lower() in ("", "nan", "null", "none") for cell in cells):
-            skipped["no position or altitude"] += 1
-        else:
-            try:
-                point = [float(cell) for cell in cells]
-            except ValueError as error:
-                raise TrajectoryError(
-                    f"{path.name}: data row {number}: {error}; every cell has to be a number"
-                ) from error
-            if state_vectors and kept and kept[-1][1:3] == point[1:3]:
-                skipped["stale position"] += 1
-            else:
-                kept.append(point)
-    return kept, skipped
+        grounded = column["onground"] and row[column["onground"]].strip().lower() in ("true", "1", "t")
+        if grounded or any(cell.lower() in ("", "nan", "null", "none", "ground") for cell in cells):
+            continue
+        try:
+            point = [float(cell) for cell in cells]
+        except ValueError as error:
+            raise TrajectoryError(
+                f"{path.name}: data row {number}: {error}; every cell has to be a number"
+            ) from error
+        if not (state_vectors and kept and kept[-1][1:3] == point[1:3]):
+            kept.append(point)
+    return kept
