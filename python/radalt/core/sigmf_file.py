@@ -192,7 +192,9 @@ def _archived(path: Path) -> tuple[bytes, _Data]:
                 continue
             most = _META_BYTES if ending == ".sigmf-meta" else _DATA_BYTES if plain else _UNPACKED_BYTES
             if size > most:
-                raise ValueError(f"{shown(name)} has {size >> 20} MiB, at most {most >> 20} are unpacked")
+                raise ValueError(
+                    f"{shown(name)} has {size >> 20} MiB, at most {most >> 20} are unpacked: extract it"
+                )
             found[ending].append(member)
         meta, data = found.values()
         if len(meta) != 1 or len(data) != 1:
