@@ -145,7 +145,7 @@ def test_a_pulse_far_from_the_band_is_heard_through_its_edges_only():
         (PulsedRadarEmitter, {"pulse_width_s": 1e-3, "prf_hz": 1e3}, "pulse_width_s"),
         (PulsedRadarEmitter, {"rise_time_s": 3e-6}, "rise_time_s"),
         (PulsedRadarEmitter, {"carrier_hz": 1e9}, "64 times"),
-        (PulsedRadarEmitter, {"rise_time_s": 1e-308}, "64 times"),
+        (PulsedRadarEmitter, {"rise_time_s": 1e-308}, "within 1e-12"),
     ],
 )
 def test_wrong_values_get_one_clear_line(kind, values, word):

@@ -1,5 +1,6 @@
 """Input that once got a traceback, a hang or a wrong yes: each class of it ends with status 2 and one line."""
 
+import base64
 import importlib
 import os
 import signal
@@ -342,6 +343,18 @@ def test_a_method_that_fails_in_mid_run_ends_it_with_one_line(end, message, tmp_
     assert message in error
 
 
+# an ONNX file that adds to its input what a loop of 2^62 rounds leaves of a constant
+LOOP = base64.b64decode(
+    b"CAg6nQIKqAEKAU0KBHRydWUKAXoSAWMiBExvb3AqkAEKBGJvZHkyhAEKGgoEY29uZBIIY29uZF9vdXQiCElkZW50aXR5ChQKAXYSBXZfb3V0"
+    b"IghJZGVudGl0eRIBYloLCgFpEgYKBAgHEgBaDgoEY29uZBIGCgQICRIAWgsKAXYSBgoECAESAGISCghjb25kX291dBIGCgQICRIAYg8KBXZf"
+    b"b3V0EgYKBAgBEgCgAQUKDgoBeAoBYxIBeSIDQWRkEgFnKg8QB0IBTUoIAAAAAAAAAEAqCxAJQgR0cnVlSgEBKgsQAUIBekoEAAAAAFoYCgF4"
+    b"EhMKEQgBEg0KAggBCgIIAgoDCMw6YhgKAXkSEwoRCAESDQoCCAEKAggCCgMIzDpCBAoAEBByHAoUcmFkYWx0X2ZyYW1lX3NhbXBsZXMSBDc1"
+    b"MDByIgoNcmFkYWx0X2xheW91dBIRaXFfY2hhbm5lbHNfZmlyc3RyIQoUcmFkYWx0X25vcm1hbGlzYXRpb24SCWpvaW50X3Jtc3IbCg5yYWRh"
+    b"bHRfcmF0ZV9oehIJNzUwMDAwMC4wchQKD3JhZGFsdF9jZW50ZXJlZBIBMXIgChNyYWRhbHRfYmFuZHdpZHRoX2h6Egk3NTAwMDAwLjByFwoO"
+    b"cmFkYWx0X3N3ZWVwX3MSBTAuMDAx"
+)
+
+
 def test_hostile_network_is_refused(tmp_path):
     for content in (b"", b"\x08" * 999):
         path = tmp_path / "n.onnx"
@@ -349,6 +362,13 @@ def test_hostile_network_is_refused(tmp_path):
         with pytest.raises(MitigationError) as caught:
             create("tcae", Waveform(), model=str(path))
         assert_line(str(caught.value))
+
+
+def test_a_network_that_never_ends_is_refused_within_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr(rehearsal, "LIMIT_S", 3.0)
+    (tmp_path / "n.onnx").write_bytes(LOOP)
+    with pytest.raises(MitigationError, match="did not load and clean a frame within 3 s"):
+        create("tcae", Waveform(), model=str(tmp_path / "n.onnx"))
 
 
 def test_a_file_is_rehearsed_once_and_again_when_it_has_changed(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """The transmitter's own leakage: subtracted as calibrated, timing held on it, never taken for the ground."""
 
 import dataclasses
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -467,7 +468,15 @@ def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path)
     with pytest.raises(InputError, match="another sweep.*calibrate anew"):
         load_leakage(path, Waveform(sweep_s=2e-3))
     text = path.read_text()
-    for wrong in (text.replace("up:", "aloft:"), text.replace("- [", "- [.nan, ", 1), "[1, 2]", "{"):
+    far, loud = text.replace("-0.97", "-5000.0"), re.sub(r"- \[[^,]+", "- [1.0e+308", text, count=1)
+    for wrong in (
+        text.replace("up:", "aloft:"),
+        text.replace("- [", "- [.nan, ", 1),
+        "[1, 2]",
+        "{",
+        far,
+        loud,
+    ):
         path.write_text(wrong)
         with pytest.raises(InputError, match="leakage calibration"):
             load_leakage(path, W)

@@ -231,6 +231,17 @@ def lms_reference(
     return out
 
 
+@pytest.mark.parametrize("name", ["nlms", "lms_reference_input"])
+def test_lms_that_starts_every_frame_anew_adapts_independent_frames_together(name, monkeypatch):
+    """A third of the time of one after the other."""
+    frames, _ = scene(6, Interferer(QpskEmitter(), -10.0), 3)
+    method, taken, real = create(name, W, independent=True), [], BlockLmsReferenceInput._filter
+    monkeypatch.setattr(type(method), "_filter", lambda self, *a: taken.append(len(a[2])) or real(self, *a))
+    together = method.process(frames)
+    assert taken == [6]
+    np.testing.assert_array_equal(together, np.concatenate([method.process(frame[None]) for frame in frames]))
+
+
 @pytest.mark.parametrize("name", ["lms", "lms_reference_input"])
 def test_block_lms_is_the_textbook_recursion(name):
     frames, _ = scene(1, Interferer(QpskEmitter(), 0.0), 5)

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.io import savemat, wavfile
 
 from radalt.core.interference import Interferer, interference_frame
 from radalt.core.interference.effects import ImpairedEmitter, Impairments
@@ -57,16 +58,64 @@ def test_free_running_it_goes_on_until_the_file_ends_and_then_again(tmp_path):
     assert np.abs(np.angle(turn) - 2 * np.pi * 200e3 / RATE_HZ).max() < 1e-3
 
 
-def test_raw_samples_are_the_same_with_rate_and_type(tmp_path):
+FORMS = {
+    "air.ci16": (lambda path, rails: rails.tofile(path), {"rate_hz": 5e6, "datatype": "ci16_le"}),
+    "pairs.npy": (np.save, {"rate_hz": 5e6}),
+    "complex.npy": (
+        lambda path, rails: np.save(path, rails @ [1, 1j]),
+        {"rate_hz": 5e6, "datatype": "cf32_le"},
+    ),
+    "air.wav": (lambda path, rails: wavfile.write(path, 5_000_000, rails), {}),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_other_files_are_the_same_samples(tmp_path, name):
     rng = np.random.default_rng(4)
-    samples = np.round(3000 * (rng.standard_normal(40_000) + 1j * rng.standard_normal(40_000)))
-    meta = write(tmp_path, samples, 5e6)
-    rails = np.stack([samples.real, samples.imag], axis=-1).astype("<i2")
-    rails.tofile(tmp_path / "air.ci16")
-    a = RecordingEmitter(file=str(meta)).samples(5000, RATE_HZ, np.random.default_rng(5))
-    raw = RecordingEmitter(file=str(tmp_path / "air.ci16"), rate_hz=5e6, datatype="ci16_le")
-    b = raw.samples(5000, RATE_HZ, np.random.default_rng(5))
+    rails = np.round(3000 * rng.standard_normal((40_000, 2))).astype("<i2")
+    save, fields = FORMS[name]
+    save(tmp_path / name, rails)
+    emitters = [
+        RecordingEmitter(file=str(file), **given)
+        for file, given in ((write(tmp_path, rails @ [1, 1j], 5e6), {}), (tmp_path / name, fields))
+    ]
+    a, b = (emitter.samples(5000, RATE_HZ, np.random.default_rng(5)) for emitter in emitters)
     np.testing.assert_allclose(a, b, atol=1e-5)
+    assert emitters[1].notes(RATE_HZ) == (f"{name}: no OFDM found, so its noise is not known",)
+
+
+def numbers(path, kind, rows=20_000):
+    np.random.default_rng(3).normal(0, 300, (rows, 2)).astype(kind).tofile(path)
+
+
+@pytest.mark.parametrize(
+    ("make", "datatype", "said"),
+    [
+        (lambda path: np.savez(path.open("wb"), np.ones(99)), "cf32_le", "zip archive"),
+        (
+            lambda path: savemat(path, {"x": np.ones((99, 2))}, format="4", appendmat=False),
+            "cf32_le",
+            "MATLAB",
+        ),
+        (lambda path: savemat(path, {"x": np.ones((99, 2))}, appendmat=False), "cf32_le", "MATLAB"),
+        (lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(999)), "cf32_le", "HDF5"),
+        (lambda path: np.savetxt(path, np.ones((99, 2)), delimiter=","), "cf32_le", "text"),
+        (lambda path: wavfile.write(path, 48_000, np.ones(99, "<i2")), "cf32_le", r"int16 of shape \(99,\)"),
+        (lambda path: np.save(path.open("wb"), np.ones((2, 99))), "cf32_le", r"shape \(2, 99\)"),
+        (lambda path: numbers(path, "<f4"), "ci16_le", "not ci16_le; are they cf32_le"),
+        (lambda path: numbers(path, "<f8"), "cf32_le", "not cf32_le; are they cf64_le"),
+        (lambda path: numbers(path, "<i2"), "cf32_le", "not cf32_le; are they ci16_le"),
+        (lambda path: numbers(path, "<i2"), "", "datatype is missing.* ci16_le"),
+        (lambda path: numbers(path, "<i2"), "i16", "datatype is 'i16'"),
+    ],
+)
+def test_what_is_no_samples_of_that_type_is_refused(tmp_path, make, datatype, said):
+    path = tmp_path / "it.bin"
+    make(path)
+    with pytest.raises(ValueError, match=said) as caught:
+        emitter = RecordingEmitter(file=str(path), datatype=datatype, rate_hz=7.5e6)
+        emitter.samples(100, RATE_HZ, np.random.default_rng(6))
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("effects", [{}, {"fading": {"profile": "EVA"}}])
@@ -112,7 +161,7 @@ def test_what_does_not_fit_is_one_line(tmp_path, change, said):
     ("fields", "said"),
     [
         ({}, "recording.file is missing"),
-        ({"file": "a", "rate_hz": 1e6}, "belong together"),
+        ({"file": "a", "rate_hz": 7.5}, r"recording.rate_hz is 7.5; .* did you mean 7.5e\+06"),
         ({"file": "a", "seconds": 0.0}, "recording.seconds is 0;"),
         ({"file": "a", "start_s": -1.0}, "recording.start_s is -1;"),
     ],

@@ -133,7 +133,8 @@ def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(os_re
 
 
 def test_the_command_is_beside_the_environments_python(root, tmp_path):
-    """As the set-up makes it: from any folder, the package of the source tree, `python -m radalt`."""
+    """As the set-up makes it: from any folder, the package of its tree, run as a module."""
+    (tmp_path / "python").symlink_to(root / "python")
     environment = tmp_path / "env/bin"
     environment.mkdir(parents=True)
     (environment / "python").symlink_to(sys.executable)

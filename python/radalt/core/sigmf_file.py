@@ -8,7 +8,6 @@ import contextlib
 import hashlib
 import io
 import json
-import re
 import tarfile
 import warnings
 import zipfile
@@ -20,11 +19,11 @@ import numpy as np
 
 from .parsing import LARGEST, InputError, check_file, read_bytes, shown
 from .paths import extra
+from .raw_file import RawFile, as_rails, value_type
 
 EXTENSIONS = [
     {"name": "radalt", "version": "1.0.0", "optional": True}
 ]  # to the core's keys, as SigMF declares them
-_COMPLEX = re.compile(r"c(f(32|64)|[iu](8|16|32))(?:_le|_be)?")
 _NAMESPACES, _ENDINGS = ("core", "radalt"), (".sigmf-meta", ".sigmf-data")
 _META_BYTES = 64 << 20  # largest metadata, bytes: some 100,000 annotations
 _DATA_BYTES = 1 << 40  # largest data file, bytes: five hours at 7.5 MS/s, complex64
@@ -40,12 +39,11 @@ class _Data:
     offset: int
     size: int
 
-    def attach(self, recording: Any, skipped: int = 0, trailing: int = 0) -> Any:
-        """Give the bytes behind ``skipped`` to a `sigmf.SigMFFile`, and return it."""
-        name = "data_file" if isinstance(self.source, Path) else "data_buffer"
-        part = {"offset": self.offset + skipped, "size_bytes": max(0, self.size - skipped - trailing)}
-        recording.set_data_file(**{name: self.source}, skip_checksum=True, **part)
-        return recording
+    def content(self) -> np.ndarray:
+        """(size,) uint8 view of the samples."""
+        if isinstance(self.source, Path):
+            return np.memmap(self.source, np.uint8, "r", self.offset, (self.size,))
+        return np.frombuffer(self.source.getbuffer(), np.uint8)
 
 
 class SigmfFile:
@@ -73,19 +71,14 @@ class SigmfFile:
         self.rate_hz = float(self.head["core:sample_rate"])
         self.notes: list[str] = []
         # (first sample, reader by the file's sample numbers) after each header
-        self._readers: list[tuple[int, Any]] = []
+        self._readers: list[tuple[int, RawFile]] = []
         skipped = 0
         for capture in self.captures:
             header = int(capture.get("core:header_bytes", 0))
             skipped += header
             if header or not self._readers:
-                self._readers.append((int(capture.get("core:sample_start", 0)), self._reader(data, skipped)))
-
-    def _reader(self, data: _Data, skipped: int) -> Any:
-        reader = extra("sigmf").SigMFFile(global_info={"core:datatype": self.datatype})
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # sizes have been checked
-            return data.attach(reader, skipped)
+                rails = as_rails(data.content()[skipped:], value_type(self.datatype))
+                self._readers.append((int(capture.get("core:sample_start", 0)), RawFile(rails, self.rate_hz)))
 
     def read(self, start: int, count: int) -> np.ndarray:
         """(count,) complex64 from sample ``start`` on; integers scaled to -1..1."""
@@ -94,7 +87,7 @@ class SigmfFile:
         for (first, reader), end in zip(self._readers, ends, strict=True):
             low, high = max(start, first), min(start + count, end)
             if high > low:
-                parts.append(np.ascontiguousarray(reader.read_samples(low, high - low), dtype=np.complex64))
+                parts.append(reader.read(low, high - low))
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
@@ -115,7 +108,7 @@ def open_sigmf(path: Path | str) -> SigmfFile:
     archive = path.name.endswith(_ARCHIVES) and path.is_file()
     meta = path if archive else path.with_suffix(".sigmf-meta")
     if not meta.is_file():
-        raise InputError(f"{meta}: no such recording; give the .sigmf-meta file")
+        raise InputError(f"{path}: no such recording: {meta.name} is not there; give the .sigmf-meta file")
     try:
         text, data = (
             _archived(path) if archive else (read_bytes(meta, most_bytes=_META_BYTES, what="recording"), None)
@@ -132,7 +125,9 @@ def open_sigmf(path: Path | str) -> SigmfFile:
                 recording.get_annotations().sort(key=lambda annotation: annotation["core:sample_start"])
             recording.validate()
             other = sum(int(c.get("core:header_bytes", 0)) for c in recording.get_captures())
-            data.attach(recording, other, int(head.get("core:trailing_bytes", 0)))
+            held = max(0, data.size - other - int(head.get("core:trailing_bytes", 0)))
+            where = {"data_file" if isinstance(data.source, Path) else "data_buffer": data.source}
+            recording.set_data_file(**where, skip_checksum=True, offset=data.offset + other, size_bytes=held)
         said = [str(w.message) for w in warned]
         if torn := [line for line in said if "final annotation" not in line]:
             raise ValueError(torn[0])  # a replay must not score truncated data
@@ -152,20 +147,6 @@ def open_sigmf(path: Path | str) -> SigmfFile:
     if said:
         opened.notes.append(f"{meta}: annotations go on behind the last sample; are the data whole?")
     return opened
-
-
-def open_raw(path: Path, datatype: str, rate_hz: float) -> SigmfFile:
-    """Open a raw file of complex samples; ``datatype`` as in SigMF (``cf32_le``, ``ci16_le``, ``cu8``).
-
-    Raises
-    ------
-    InputError
-        One line.
-    """
-    content = {"global": {"core:datatype": datatype, "core:sample_rate": rate_hz}, "captures": []}
-    _check_header(path, content)
-    size, bits = path.stat().st_size, int(_COMPLEX.fullmatch(datatype)[3] or _COMPLEX.fullmatch(datatype)[2])
-    return SigmfFile(path, content, _Data(path, 0, size), size // (bits // 4))
 
 
 def _beside(meta: Path, named: Any) -> _Data:
@@ -192,7 +173,9 @@ def _archived(path: Path) -> tuple[bytes, _Data]:
                 continue
             most = _META_BYTES if ending == ".sigmf-meta" else _DATA_BYTES if plain else _UNPACKED_BYTES
             if size > most:
-                raise ValueError(f"{shown(name)} has {size >> 20} MiB, at most {most >> 20} are unpacked")
+                raise ValueError(
+                    f"{shown(name)} has {size >> 20} MiB, at most {most >> 20} are unpacked: extract it"
+                )
             found[ending].append(member)
         meta, data = found.values()
         if len(meta) != 1 or len(data) != 1:
@@ -209,11 +192,7 @@ def _check_sum(data: _Data, stated: str | None) -> None:
     """Compare the samples with ``core:sha512``, where it is stated."""
     if stated is None:
         return
-    if isinstance(data.source, Path):
-        content = np.memmap(data.source, np.uint8, "r", data.offset, (data.size,))
-    else:
-        content = data.source.getbuffer()
-    if hashlib.sha512(content).hexdigest() != stated.lower():
+    if hashlib.sha512(data.content()).hexdigest() != stated.lower():
         raise ValueError("core:sha512 is another one")
 
 
@@ -232,7 +211,7 @@ def _check_header(meta: Path, content: Any) -> dict[str, Any]:
     if not isinstance(head, dict):
         raise InputError(f"{meta}: not SigMF metadata, an object 'global' is missing")
     datatype, rate, channels = (head.get(f"core:{k}") for k in ("datatype", "sample_rate", "num_channels"))
-    if not isinstance(datatype, str) or not _COMPLEX.fullmatch(datatype):
+    if value_type(datatype) is None:
         raise InputError(
             f"{meta}: core:datatype is {shown(datatype)}; complex samples are needed (cf32_le, ci16_le, ...)"
         )

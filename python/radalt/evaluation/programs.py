@@ -7,7 +7,6 @@ GNU Radio Companion find a module below an unusual prefix.
 """
 
 import ast
-import difflib
 import importlib
 import re
 import shlex
@@ -22,7 +21,6 @@ from ..core.paths import share_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
-_TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # commands until 0.2.0
 
 
 @dataclass(frozen=True)
@@ -80,12 +78,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(_environment())
         return 0
     if name not in programs():
-        known = [*programs(), "env"]
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
-        if name in _TOOLS:
-            hint = f"it is a tool of the source tree: .venv/bin/python tools/{name.replace('-', '_')}.py"
-        print(f"radalt: no command {name[:40]!r}; {hint}", file=sys.stderr)
+        from ..core.parsing.messages import allowed  # NumPy comes with it
+
+        print(f"radalt: no command {name[:40]!r}; {allowed(name, [*programs(), 'env'])}", file=sys.stderr)
         return 2
     try:
         program = load(name)

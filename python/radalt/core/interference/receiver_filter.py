@@ -18,13 +18,6 @@ MAX_OVERSAMPLING = 64  # largest oversampling of an emitter: a window of 1 ms th
 MAX_RATIO = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
 
 
-def check_positive(owner: str, **values: float) -> None:
-    """Raise ValueError, one line, unless each value is finite and above 0."""
-    for name, value in values.items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{owner}.{name} is {value!r}; it has to be finite and above 0")
-
-
 def around(signal: np.ndarray, start: int, count: int) -> np.ndarray:
     """``count`` samples from number ``start`` (0..n-1) on of an (n,) signal that repeats; a view of one piece."""
     if start + count <= signal.size:

@@ -1,7 +1,7 @@
 """The one interface of every mitigation method."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
@@ -60,8 +60,6 @@ class Mitigation(ABC):
         Frames processed since construction or `reset`.
     diverged_frames : int
         Frames in which an adaptive method left its stable region; always 0 for the others.
-    removed : mapping of str to str
-        Options that earlier releases had, and what to do about each.
     beyond_frames : int
         Frames that passed unchanged because the ground lies beyond the span (`BeyondSpan`).
     frame_quality : callable
@@ -82,7 +80,6 @@ class Mitigation(ABC):
     style: ClassVar[PlotStyle | None] = None
     batch: ClassVar[int] = 4
     runs_network: ClassVar[bool] = False
-    removed: ClassVar[Mapping[str, str]] = {}
     outside_cpu_ns = 0
     independent = False
     # a method inside another one needs no more: its frames have been examined

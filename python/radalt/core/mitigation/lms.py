@@ -103,6 +103,10 @@ class BlockLms(Mitigation):
         self.weights = np.zeros(self.length, dtype=np.complex64)
         self._past = np.zeros(self.length - 1, dtype=np.complex64)
 
+    @property
+    def _remembers(self) -> bool:
+        return not self.restart
+
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         reference = self.waveform.reference[None]

@@ -5,7 +5,7 @@
 - `messages`: the error of unusable input, and values for messages
 """
 
-from .files import check_file, load_yaml, read_bytes, read_text
+from .files import check_file, load_yaml, read_bytes, read_csv, read_text
 from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
 from .messages import MINUS, InputError, allowed, check_range, did_you_mean, shown
 
@@ -24,6 +24,7 @@ __all__ = [
     "plain",
     "quantity",
     "read_bytes",
+    "read_csv",
     "read_text",
     "shown",
     "whole",

@@ -1,5 +1,6 @@
 """Reading files that users name: regular files of bounded size, and YAML by a strict reader."""
 
+import csv
 import functools
 import stat
 import typing
@@ -69,6 +70,18 @@ def read_text(path: Path | str, *, most_bytes: int, what: str, remedy: str = "na
         return read_bytes(path, most_bytes=most_bytes, what=what, remedy=remedy).decode("utf-8")
     except UnicodeDecodeError:
         raise InputError(f"{what} {_name(path)}: cannot be read (not a text file); {remedy}") from None
+
+
+def read_csv(path: Path | str, *, most_bytes: int, what: str) -> tuple[list[dict[str, str]], list[str]]:
+    """Rows of a CSV file by column, and the columns' names in lower case; lines that begin with ``#`` are comments."""
+    text = read_text(path, most_bytes=most_bytes, what=what, remedy="name a CSV file").removeprefix("\ufeff")
+    lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
+    reader = csv.DictReader(lines, restval="")
+    try:
+        reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or []]
+        return list(reader), reader.fieldnames
+    except csv.Error as error:
+        raise InputError(f"{what} {_name(path)}: {error}; name a CSV file") from None
 
 
 def _name(path: Path | str) -> str:

@@ -29,17 +29,24 @@ def shown(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
+def _near(name: Any, known: Iterable[str]) -> list[str]:
+    """Known names that may have been meant, the nearest first."""
+    known, text = list(known), shown(name).strip("'")
+    close = difflib.get_close_matches(text, known, max(1, len(known)))
+    return list(dict.fromkeys([*close, *(k for k in known if len(text) > 2 and text in k)]))
+
+
 def did_you_mean(name: Any, known: Iterable[str]) -> str:
     """A sentence with the known name that is nearest, and a space behind it; empty if none is near."""
-    close = difflib.get_close_matches(shown(name).strip("'"), known, 1)
-    return f"did you mean {close[0]!r}? " if close else ""
+    near = _near(name, known)
+    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def allowed(name: Any, known: Iterable[str]) -> str:
     """A sentence with all known names, near ones first, and with the one that was probably meant."""
     known = list(known)
-    near = difflib.get_close_matches(shown(name).strip("'"), known, max(1, len(known)))
-    return f"{did_you_mean(name, known)}allowed: {', '.join(dict.fromkeys([*near, *known])) or 'nothing'}"
+    names = dict.fromkeys([*_near(name, known), *known])
+    return f"{did_you_mean(name, known)}allowed: {', '.join(names) or 'nothing'}"
 
 
 def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:

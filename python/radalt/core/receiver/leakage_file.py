@@ -16,6 +16,8 @@ __all__ = ["UNCALIBRATED", "leakage_canceller", "leakage_path", "load_leakage", 
 
 UNCALIBRATED = "uncalibrated"  # name that stands for a fit to every frame
 _KEYS = {"waveform", "installation_delay_m", "up", "down"}
+_FARTHEST_M = 100.0  # longer than any aircraft's cables
+_LARGEST = 1e9  # of a coefficient, 120 dB above the shipped ones: its power stays far within float32
 
 
 def store_leakage(calibration: LeakageCalibration, path: Path | str) -> Path:
@@ -62,8 +64,10 @@ def load_leakage(name: Path | str, waveform: Waveform) -> LeakageCalibration:
         own = convert(Waveform, data["waveform"], "waveform")
         delay_m = convert(float, data["installation_delay_m"], "installation_delay_m")
         rows = np.array([[[float(x) for x in pair] for pair in data[half]] for half in ("up", "down")])
-        if rows.shape != (2, SHAPES, 2) or not np.isfinite(rows).all():
-            raise ValueError(f"up and down hold {rows.shape}; they have to be {SHAPES} pairs of numbers each")
+        if rows.shape != (2, SHAPES, 2) or not np.abs(rows).max() <= _LARGEST:
+            raise ValueError(f"up and down have to hold {SHAPES} pairs of numbers each, up to {_LARGEST:g}")
+        if not abs(delay_m) <= _FARTHEST_M:
+            raise ValueError(f"installation_delay_m is {delay_m:g}; it has to be within +/-{_FARTHEST_M:g} m")
     except (ValueError, TypeError) as error:
         raise InputError(f"{what} {path}: {error}; {remedy}") from None
     if own != waveform:

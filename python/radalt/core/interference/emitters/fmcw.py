@@ -10,9 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import check_range
+from ...parsing import LARGEST, check_range
 from ...waveform import exp_cycles
-from ..receiver_filter import PASSBAND_FRACTION, check_positive, decimate_window, oversampling, window_guard
+from ..receiver_filter import PASSBAND_FRACTION, decimate_window, oversampling, window_guard
 from ..transmission import Signal
 from . import NamedEmitter, register
 
@@ -56,10 +56,10 @@ class FmcwEmitter(NamedEmitter):
     always_in_window: bool = True
 
     def __post_init__(self) -> None:
-        check_positive("fmcw", sweep_period_s=self.sweep_period_s)
-        check_range("fmcw", self, up_fraction=(0.0, 1.0), sweep_bandwidth_hz=(1e3, 5e9))
-        if not np.isfinite(self.carrier_hz):
-            raise ValueError(f"fmcw.carrier_hz is {self.carrier_hz!r}; it has to be finite")
+        check_range(
+            "fmcw", self, up_fraction=(0.0, 1.0), sweep_bandwidth_hz=(1e3, 5e9), sweep_period_s=(1e-9, 1e5)
+        )
+        check_range("fmcw", self, carrier_hz=(-LARGEST, LARGEST))
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""

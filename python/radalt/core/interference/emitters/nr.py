@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ...parsing import LARGEST, check_range
 from ..evm import evm_title
 from ..nr_config import SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
 from ..nr_grid import resource_grid, transmitted
@@ -124,10 +125,7 @@ class NrEmitter(NamedEmitter, NrConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not np.isfinite(self.carrier_hz):
-            raise ValueError(
-                f"carrier_hz {self.carrier_hz} is not finite; give the offset from the radar in Hz"
-            )
+        check_range(self.scene_name, self, carrier_hz=(-LARGEST, LARGEST))
 
     @property
     def label(self) -> str:

@@ -11,8 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...parsing import LARGEST, check_range
 from ...waveform import exp_cycles
-from ..receiver_filter import check_positive, decimate_window, oversampling, window_guard
+from ..receiver_filter import decimate_window, oversampling, window_guard
 from ..transmission import Signal
 from . import NamedEmitter, register
 
@@ -49,19 +50,15 @@ class PulsedRadarEmitter(NamedEmitter):
     always_in_window: bool = True
 
     def __post_init__(self) -> None:
-        check_positive(
-            "pulsed", prf_hz=self.prf_hz, pulse_width_s=self.pulse_width_s, rise_time_s=self.rise_time_s
+        check_range("pulsed", self, prf_hz=(1e-3, 1e9), rise_time_s=(1e-12, 1.0))
+        check_range(
+            "pulsed", self, **dict.fromkeys(("carrier_hz", "chirp_bandwidth_hz"), (-LARGEST, LARGEST))
         )
         longest = 1.0 / self.prf_hz - self.rise_time_s
         if not self.rise_time_s < self.pulse_width_s < longest:
             raise ValueError(
                 f"pulsed.pulse_width_s is {self.pulse_width_s:g}; it has to lie between rise_time_s "
                 f"{self.rise_time_s:g} and {longest:g} (1/prf_hz - rise_time_s)"
-            )
-        if not (np.isfinite(self.carrier_hz) and np.isfinite(self.chirp_bandwidth_hz)):
-            raise ValueError(
-                f"pulsed.carrier_hz {self.carrier_hz!r} and chirp_bandwidth_hz {self.chirp_bandwidth_hz!r} "
-                "have to be finite"
             )
 
     def waveform(self, seconds: np.ndarray) -> np.ndarray:

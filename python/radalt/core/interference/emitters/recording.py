@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from ...parsing import LARGEST, InputError, check_file, check_range, shown
-from ...sigmf_file import SigmfFile, open_raw, open_sigmf
+from ...raw_file import RawFile, open_raw
+from ...sigmf_file import SigmfFile, open_sigmf
 from ..own_noise import MOST_DB, prefix_snr_db
 from ..receiver_filter import rate_ratio, repeated, resample_periodic
 from ..transmission import Signal
@@ -32,14 +33,15 @@ class RecordingEmitter(NamedEmitter):
     Parameters
     ----------
     file : str
-        A ``.sigmf-meta`` or archive of one complex channel, or raw samples if ``rate_hz`` and ``datatype`` are given.
+        A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
+        ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``.
     offset_hz : float
         Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
         over ``seconds``.
     start_s, seconds : float
         Part of the file in use, at most 1 s. It repeats.
     rate_hz : float or None
-        Sample rate of raw samples; a SigMF file states its rate.
+        Sample rate; SigMF and WAV state theirs.
     datatype : str
         Format of raw samples as in SigMF: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``.
 
@@ -68,13 +70,8 @@ class RecordingEmitter(NamedEmitter):
     def __post_init__(self) -> None:
         if not self.file:
             raise ValueError("recording.file is missing; name a .sigmf-meta file, or raw samples")
-        if not np.isfinite(self.offset_hz):
-            raise ValueError(f"recording.offset_hz is {self.offset_hz!r}; it has to be finite")
         check_range("recording", self, start_s=(0.0, LARGEST), seconds=(1e-4, _MOST_S), rate_hz=_RATES_HZ)
-        if (self.rate_hz is None) != (not self.datatype):
-            raise ValueError(
-                "recording.rate_hz and recording.datatype belong together; give both for raw samples"
-            )
+        check_range("recording", self, offset_hz=(-LARGEST, LARGEST))
 
     @property
     def label(self) -> str:
@@ -116,12 +113,15 @@ class RecordingEmitter(NamedEmitter):
         return repeated(self.load(rate_hz), 0.0, rng)
 
 
-def _open(emitter: RecordingEmitter) -> SigmfFile:
+def _open(emitter: RecordingEmitter) -> SigmfFile | RawFile:
     """The file; raises ValueError."""
     path = Path(emitter.file)
     try:
         check_file(path, most_bytes=_MOST_BYTES, what="recording.file", remedy=_REMEDY)
-        return open_raw(path, emitter.datatype, emitter.rate_hz) if emitter.datatype else open_sigmf(path)
+        bare = not (emitter.datatype or emitter.rate_hz)
+        if bare and (".sigmf" in path.name or path.with_suffix(".sigmf-meta").is_file()):
+            return open_sigmf(path)
+        return open_raw(path, emitter.datatype, emitter.rate_hz)
     except InputError as error:
         raise ValueError(f"recording.file: {error}") from None
 

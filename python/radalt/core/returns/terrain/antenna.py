@@ -1,27 +1,14 @@
 """Antenna patterns: a Gaussian beam in closed form, or any pattern from a file; one-way power gains."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
-from ...parsing import InputError, check_range, read_text
+from ...parsing import check_range, read_csv
 
 _MOST_BYTES = 16 << 20  # largest pattern file, bytes: a sphere in steps of half a degree
-
-
-class Antenna(Protocol):
-    """Protocol of an antenna, for the ground return."""
-
-    def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """One-way power gain (linear, over isotropic) off boresight; azimuth from nose to right wing."""
-        ...
-
-    def footprint_rad(self, drop_db: float) -> float:
-        """Angle off boresight beyond which the two-way gain stays ``drop_db`` below its peak."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -53,12 +40,12 @@ class GaussianAntenna:
         return float(np.radians(self.beamwidth_deg)) * (np.sqrt(2.0) if self.two_way else 1.0)
 
     def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """See `Antenna`; rotationally symmetric."""
+        """One-way power gain (linear, over isotropic) off boresight; azimuth from nose to right wing."""
         exponent = -4.0 * np.log(2.0) * (np.asarray(angle_rad) / self.one_way_beamwidth_rad) ** 2
         return 10.0 ** (self.gain_dbi / 10.0) * np.exp(exponent)
 
     def footprint_rad(self, drop_db: float) -> float:
-        """See `Antenna`."""
+        """Angle off boresight beyond which the two-way gain stays ``drop_db`` below its peak."""
         two_way_db = 20.0 * np.log10(2.0)  # 6.02 dB two-way at half the one-way width
         return float(0.5 * self.one_way_beamwidth_rad * np.sqrt(drop_db / two_way_db))
 
@@ -93,15 +80,8 @@ class TabulatedAntenna:
             If the file, a column, a number or a point of the grid is missing.
         """
         path = Path(path)
-        try:
-            text = read_text(path, most_bytes=_MOST_BYTES, what="antenna file")
-        except InputError as error:
-            raise ValueError(str(error)) from None
-        text = text.removeprefix("\ufeff")  # byte order mark of spreadsheets
-        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-        rows = list(csv.DictReader(lines))
-        names = set(rows[0]) if rows else set()
-        if not {"angle_deg", "gain_dbi"} <= names:
+        rows, names = read_csv(path, most_bytes=_MOST_BYTES, what="antenna file")
+        if not {"angle_deg", "gain_dbi"} <= set(names):
             raise ValueError(
                 f"antenna file {path} needs the columns angle_deg and gain_dbi (and azimuth_deg)"
             )
@@ -112,10 +92,9 @@ class TabulatedAntenna:
                 gain_dbi = float(r["gain_dbi"])
             except (TypeError, ValueError) as error:
                 raise ValueError(f"antenna file {path}: {error}; every cell has to be a number") from error
-            if not np.isfinite([*place, gain_dbi]).all():
-                raise ValueError(
-                    f"antenna file {path}: row {number} is not finite; every cell has to be a number"
-                )
+            if not (0 <= place[0] <= 180 and -200 <= gain_dbi <= 100 and np.isfinite(place[1])):
+                said = f"row {number} is {place[0]:g} degrees, {gain_dbi:g} dBi; within 0..180, -200..100"
+                raise ValueError(f"antenna file {path}: {said}")
             if place in points:
                 raise ValueError(
                     f"antenna file {path}: row {number} gives angle {place[0]:g} again; leave one"
@@ -134,24 +113,22 @@ class TabulatedAntenna:
         return cls(np.array(angles), table, np.array(azimuths))
 
     def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """See `Antenna`."""
+        """See `GaussianAntenna`."""
         angle = np.clip(np.degrees(angle_rad), self.angle_deg[0], self.angle_deg[-1])
         if self.azimuth_deg.size == 1:
             return 10.0 ** (np.interp(angle, self.angle_deg, self.gain_dbi[:, 0]) / 10.0)
-        i = np.clip(np.searchsorted(self.angle_deg, angle, side="right") - 1, 0, self.angle_deg.size - 2)
-        fraction = (angle - self.angle_deg[i]) / (self.angle_deg[i + 1] - self.angle_deg[i])
         start = self.azimuth_deg[0]  # wrap the azimuth axis once around
         wrapped = np.append(self.azimuth_deg, start + 360.0)
         table = np.concatenate([self.gain_dbi, self.gain_dbi[:, :1]], axis=1)
         azimuth = start + np.mod(np.degrees(azimuth_rad) - start, 360.0)
-        j = np.clip(np.searchsorted(wrapped, azimuth, side="right") - 1, 0, wrapped.size - 2)
-        share = (azimuth - wrapped[j]) / (wrapped[j + 1] - wrapped[j])
-        low = table[i, j] * (1 - share) + table[i, j + 1] * share
-        high = table[i + 1, j] * (1 - share) + table[i + 1, j + 1] * share
-        return 10.0 ** ((low + (high - low) * fraction) / 10.0)
+        gain_dbi = RegularGridInterpolator((self.angle_deg, wrapped), table)
+        return 10.0 ** (gain_dbi(np.stack(np.broadcast_arrays(angle, azimuth), axis=-1)) / 10.0)
 
     def footprint_rad(self, drop_db: float) -> float:
-        """See `Antenna`."""
+        """See `GaussianAntenna`."""
         best = self.gain_dbi.max(axis=1)
         above = np.nonzero(2.0 * (best - best.max()) > -drop_db)[0]
         return float(np.radians(self.angle_deg[min(above[-1] + 1, self.angle_deg.size - 1)]))
+
+
+Antenna = GaussianAntenna | TabulatedAntenna

@@ -4,7 +4,6 @@ import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -23,20 +22,6 @@ class TerrainError(InputError):
     """Terrain is missing, void, not readable, or above the aircraft; the message is one line."""
 
 
-class TerrainModel(Protocol):
-    """Protocol of terrain, for the ground return."""
-
-    def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
-        """Heights above mean sea level, same shape as the broadcast arguments."""
-        ...
-
-    def height_and_slope(
-        self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Heights in metres, and their slopes towards east and north (metres per metre)."""
-        ...
-
-
 @dataclass(frozen=True)
 class FlatTerrain:
     """Constant height above mean sea level, everywhere."""
@@ -44,13 +29,13 @@ class FlatTerrain:
     elevation_m: float = 0.0
 
     def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
-        """See `TerrainModel`."""
+        """Heights above mean sea level in metres, same shape as the broadcast arguments."""
         return np.full(np.broadcast(latitude_deg, longitude_deg).shape, float(self.elevation_m))
 
     def height_and_slope(
         self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `TerrainModel`."""
+        """Heights in metres, and their slopes towards east and north (metres per metre)."""
         height = self.height_m(latitude_deg, longitude_deg)
         return height, np.zeros_like(height), np.zeros_like(height)
 
@@ -211,13 +196,13 @@ class Terrain:
         return cls(cells)
 
     def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
-        """See `TerrainModel`."""
+        """See `FlatTerrain`."""
         return self.height_and_slope(latitude_deg, longitude_deg)[0]
 
     def height_and_slope(
         self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `TerrainModel`."""
+        """See `FlatTerrain`."""
         lat, lon = np.broadcast_arrays(np.asarray(latitude_deg, float), np.asarray(longitude_deg, float))
         shape, lat, lon = lat.shape, lat.ravel(), lon.ravel()
         out = np.full((3, lat.size), np.nan)
@@ -254,3 +239,6 @@ class Terrain:
             f"terrain does not cover {latitude_deg:.5f}, {longitude_deg:.5f} deg "
             f"(it covers {covered or 'nothing'}); add the DTED cell there"
         )
+
+
+TerrainModel = FlatTerrain | Terrain

@@ -1,6 +1,5 @@
 """Aircraft trajectories: CSV tracks and ADS-B state vectors, interpolated with velocity and attitude."""
 
-import csv
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +9,7 @@ import numpy as np
 from scipy.constants import foot, g
 from scipy.interpolate import PchipInterpolator
 
-from ...parsing import InputError, read_text
+from ...parsing import InputError, read_csv
 from .geodesy import curvature_radii_m
 
 _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
@@ -202,7 +201,10 @@ class Trajectory:
             As the class, and if the file cannot be read, lacks a column, or holds several aircraft.
         """
         path = Path(path)
-        rows, names = _read_rows(path)
+        try:
+            rows, names = read_csv(path, most_bytes=_MOST_BYTES, what="trajectory file")
+        except InputError as error:
+            raise TrajectoryError(str(error)) from None
         column = {key: next((n for n in options if n in names), None) for key, options in COLUMNS.items()}
         for name, value, allowed in (("", altitude, ("geo", "baro")), ("_unit", altitude_unit, ("m", "ft"))):
             if value not in (None, *allowed):
@@ -296,28 +298,12 @@ class Trajectory:
         return self.states(np.array([time_s]))[0]
 
 
-def _read_rows(path: Path) -> tuple[list[dict[str, str]], set[str]]:
-    try:
-        text = read_text(
-            path, most_bytes=_MOST_BYTES, what="trajectory file", remedy="name a CSV file"
-        ).removeprefix("\ufeff")
-    except InputError as error:
-        raise TrajectoryError(str(error)) from None
-    lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
-    reader = csv.DictReader(lines, restval="")
-    try:
-        reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or []]
-        return list(reader), set(reader.fieldnames)
-    except csv.Error as error:
-        raise TrajectoryError(f"trajectory file {path}: {error}; name a CSV file") from None
-
-
-def _unit(path: Path, column: str, names: set[str], given: str | None) -> str:
+def _unit(path: Path, column: str, names: list[str], given: str | None) -> str:
     """``m`` or ``ft``, of an altitude column."""
     stated = _UNITS.get(column)
     if stated and given not in (None, stated):
         raise TrajectoryError(f"{path.name}: {column} is in {stated}, altitude_unit is {given}; leave it out")
-    logged = sorted(names & _LOGGED)
+    logged = sorted(_LOGGED.intersection(names))
     if not (stated or given) and logged and "velocity" not in names:
         raise TrajectoryError(
             f"{path.name}: column {column} beside {', '.join(logged)} may be in feet or metres; "
