@@ -11,8 +11,9 @@ from radalt.bench.entry import Entry, run
 from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import paired
-from radalt.bench.rows import bits, read_rows, row_of, unbits
+from radalt.bench.rows import read_rows, row_of
 from radalt.core.parsing import InputError
+from radalt.evaluation.results.rows import bits, unbits
 from radalt.evaluation.simulation import run_chain
 
 OWN = """

@@ -14,10 +14,10 @@ C_M_PER_S = 299_792_458.0
 
 
 def test_table():
-    """MHz to dBW/m2/MHz, within each band and at its edges."""
+    """MHz to dBW/m2/MHz, within each band and at its edges, which belong to the level that asks for less power."""
     levels = {
-        3000: 9.5, 4149.9: 9.5, 4155: 6.5, 4165: -1, 4175: -7, 4185: -17, 4195: -34, 4200: -82, 4300: -82,
-        4399.9: -82, 4405: -33, 4420: -21, 4435: -8, 4445: -1, 4455: 6.5, 4460: 9.5, 5600: 9.5,
+        3000: 9.5, 4149.9: 9.5, 4150: 6.5, 4155: 6.5, 4165: -1, 4175: -7, 4185: -17, 4195: -34, 4200: -82, 4300: -82,
+        4400: -82, 4400.1: -33, 4410: -33, 4420: -21, 4435: -8, 4445: -1, 4460: 6.5, 4461: 9.5, 5600: 9.5,
     }  # fmt: skip
     assert {mhz: pfd_dbw_per_m2_mhz(mhz * 1e6) for mhz in levels} == levels
 
@@ -114,10 +114,6 @@ def test_emitter_is_gaussian_noise_of_unit_power_in_the_receiver_band():
     assert flat.std() / flat.mean() < 0.1
     assert flat.mean() == pytest.approx(7.5 / 7.125, rel=0.01)  # all the power within +-3.5625 MHz
     assert power[np.abs(frequency) > 3.74e6].max() < 0.01 * flat.mean()
-    assert np.array_equal(
-        mask.samples(64, RATE_HZ, np.random.default_rng(3)),
-        mask.samples(64, RATE_HZ, np.random.default_rng(3)),
-    )
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.deramp.front_end import Amplifier, Converter
+from radalt.core.deramp.front_end import Amplifier, Bursts, Converter, rectified, rectified_mw_per_hz
 
 AMPLIFIER = Amplifier(p1db_dbm=-20.0, iip3_dbm=-8.0)
 
@@ -43,7 +43,7 @@ def test_weak_gain_is_the_derivative():
 
 
 @pytest.mark.parametrize("power_dbm", [-30.0, -22.0, -15.0])
-def test_a_blocker_beside_the_band_needs_its_envelope_alone(power_dbm):
+def test_a_blocker_outside_the_band_needs_its_envelope_alone(power_dbm):
     """Brute force: a weak carrier 460 MHz from a Gaussian blocker of 98 MHz, both through the amplifier at 2.4 GS/s."""
     rate, n = 2.4e9, 1 << 19
     rng = np.random.default_rng(1)
@@ -59,21 +59,65 @@ def test_a_blocker_beside_the_band_needs_its_envelope_alone(power_dbm):
     brute_db = 20 * np.log10(abs(out))
     of_envelope = 20 * np.log10(np.mean(AMPLIFIER.weak_gain(np.abs(blocker))))
     assert of_envelope == pytest.approx(brute_db, abs=0.01)
-    beside = AMPLIFIER.beside(power_dbm, constant_envelope=False)
-    assert 20 * np.log10(beside.weak) == pytest.approx(brute_db, abs=0.05)  # this realisation's envelope
-    assert beside.modulation == pytest.approx(
+    under = AMPLIFIER.with_strong(power_dbm, constant_envelope=False)
+    assert 20 * np.log10(under.weak) == pytest.approx(brute_db, abs=0.05)  # this realisation's envelope
+    assert under.modulation == pytest.approx(
         np.var(AMPLIFIER.weak_gain(np.abs(blocker))) / np.mean(AMPLIFIER.weak_gain(np.abs(blocker))) ** 2,
         rel=0.05,
     )
 
 
+def test_a_known_modulation_gives_its_lines_on_a_weak_signal():
+    """A carrier of power P with AM of depth m: a weak signal's gain, 1 - 2 a^2 / A3^2, has lines of 2 m P / A3^2."""
+    n, depth, power_dbm = np.arange(4000), 0.3, -40.0
+    strong = amplitude(power_dbm) * (1 + depth * np.cos(2 * np.pi * 37 * n / 4000))
+    line = np.fft.fft(AMPLIFIER.weak_gain(strong))[37] / 4000
+    assert line.real == pytest.approx(-2 * depth * 10 ** ((power_dbm + 8.0) / 10), rel=0.01)
+
+
+@pytest.mark.parametrize("iip2_dbm", [-10.0, 20.0])
+def test_two_carriers_give_the_product_that_iip2_says(iip2_dbm):
+    """Brute force ``x + a x^2`` on a rail: carriers of power P give a line of P^2 / IIP2 at their difference."""
+    n, each_dbm = np.arange(4096), -30.0
+    tones = amplitude(each_dbm) * np.sqrt(2) * np.cos(2 * np.pi * np.outer([500, 510], n) / 4096)
+    squared = tones.sum(axis=0) ** 2 * 10 ** (-iip2_dbm / 20) / np.sqrt(2)
+    brute = 2 * np.abs(np.fft.fft(squared)[10] / 4096) ** 2
+    assert 10 * np.log10(brute) == pytest.approx(2 * each_dbm - iip2_dbm, abs=0.01)
+    envelope_mw = (
+        np.abs(amplitude(each_dbm) * np.exp(2j * np.pi * np.outer([500, 510], n) / 4096).sum(axis=0)) ** 2
+    )
+    line = np.abs(np.fft.fft(rectified(envelope_mw, iip2_dbm))[10] / 4096) ** 2
+    assert line == pytest.approx(brute / 2, rel=1e-6)  # the rest at the image: a wanted line is on one side
+
+
+def test_a_rectified_carrier_of_noise_has_the_density_of_the_closed_form():
+    rate, n, width, power_dbm, iip2_dbm = 400e6, 1 << 20, 98e6, -20.0, 10.0
+    spectrum = np.fft.fft(np.random.default_rng(1).standard_normal((n, 2)) @ (1, 1j))
+    spectrum[np.abs(np.fft.fftfreq(n, 1 / rate)) > 0.5 * width] = 0
+    envelope = np.fft.ifft(spectrum)
+    envelope *= amplitude(power_dbm) / np.sqrt(np.mean(np.abs(envelope) ** 2))
+    at_if = np.fft.fft(rectified(np.abs(envelope) ** 2, iip2_dbm))[1:2600]  # 1 MHz of beats
+    density = np.mean(np.abs(at_if) ** 2) / n / rate
+    assert density == pytest.approx(rectified_mw_per_hz(10 ** (power_dbm / 10), iip2_dbm, width), rel=0.08)
+
+
+def test_bursts_modulate_a_return_with_the_lines_of_their_pattern():
+    """On for a share d, line k is (1 - weak) sin(pi k d) / (pi k) of the return; a slow recovery lowers the mean."""
+    bursts, t, k = Bursts(5e-3, 0.74), np.arange(50000) * 1e-7, np.arange(1, 6)
+    lines = np.abs(np.fft.fft(bursts.gain(t, 0.25, 0.0)) / t.size)
+    assert lines[k] == pytest.approx(0.75 * np.abs(np.sin(np.pi * k * 0.74)) / (np.pi * k), abs=2e-5)
+    assert lines[0] == pytest.approx(1 - 0.75 * np.mean(bursts.on(t)))
+    slow = bursts.gain(t, 0.25, 1e-3)
+    assert np.mean(slow) == pytest.approx(1 - 0.75 * (0.74 + 0.2 * (1 - np.exp(-1.3))), rel=1e-3)
+
+
 def test_small_blockers_act_as_the_cubic_says():
     """Gain 1 - 2 P / A3^2 beside a Gaussian of power P, modulation (2 P / A3^2)^2; beside a carrier the same mean."""
     share = 10 ** ((-35.0 + 8.0) / 10)
-    gaussian = AMPLIFIER.beside(-35.0, constant_envelope=False)
+    gaussian = AMPLIFIER.with_strong(-35.0, constant_envelope=False)
     assert gaussian.weak == pytest.approx(1 - 2 * share, abs=3e-4)
     assert gaussian.modulation == pytest.approx((2 * share) ** 2, rel=0.1)
-    carrier = AMPLIFIER.beside(-35.0, constant_envelope=True)
+    carrier = AMPLIFIER.with_strong(-35.0, constant_envelope=True)
     assert (carrier.weak, carrier.modulation) == (pytest.approx(1 - 2 * share, abs=3e-4), 0.0)
     assert carrier.own == pytest.approx(1 - share, abs=3e-4)
 

@@ -15,7 +15,8 @@ from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap.figures import draw_pd
-from radalt.evaluation.overlap.points import point_seed, sweep_points
+from radalt.evaluation.overlap.markdown import verdict
+from radalt.evaluation.overlap.points import OverlapPoint, point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import collect, pool_runs
 from radalt.evaluation.overlap.reading import PoolError, read_run
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
@@ -23,6 +24,7 @@ from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
 from radalt.evaluation.results.proportion import wilson_interval
+from radalt.evaluation.results.rows import bits
 from radalt.evaluation.results.score import Score
 from radalt.evaluation.results.style import series_style
 
@@ -62,6 +64,24 @@ def rows_of(scene, batches=1):
                 )
             )
     return out
+
+
+def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
+    """Ten frames apart of a hundred, and one, which is within the interval."""
+    right = {"none": 90, "whitening": 99, "tcae": 100}
+    rows = []
+    for method, count in right.items():
+        s = Score(100, 100, count, 100, 0, 0, 4.0, 0.1, 4.0)
+        where = (method, "qpsk", OverlapPoint.at(1.0, -28, 10), 1, s)
+        bit = bits(np.arange(100) < count)
+        more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0, "right": bit}
+        rows.append(make_row(*where, diverged_frames=0, segmenter={}, **more))
+    text = verdict({"rows": rows, "source": "simulated", "scene": {"waveform": {"bandwidth_hz": 7.5e6}}})
+    assert text.startswith(
+        "**`tcae` is right most often, with a Pd of 1.000** over all overlaps above 0, 0.100 (0.041 to 0.159)"
+    )
+    assert "above `none` on the same 100 frames; level with `whitening`." in text
+    assert "Most wrong and valid: `none`, 10 of 100" in text
 
 
 def finished(path, scene, methods=METHODS, *, whole=False, batches=1):

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from .rows import Row, unbits
+from ..evaluation.results.rows import unbits
+from .rows import Row
 
 _DRAWS = 1000  # resamplings of the frames, for an interval of 95 %
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..core.parsing import InputError
-from ..evaluation.results.rows import Columns
+from ..evaluation.results.rows import Columns, bits
 from ..evaluation.results.score import SCORE_COLUMNS, score_frames
 from .entry import Entry, Outcome
 from .frames import Frames
@@ -23,16 +23,6 @@ COLUMNS = Columns(
     timing=frozenset({"ms", "ffts"}),
 )
 Row = dict[str, Any]
-
-
-def bits(which: np.ndarray) -> str:
-    """(n,) bool as hexadecimal digits."""
-    return np.packbits(which).tobytes().hex()
-
-
-def unbits(text: str, count: int) -> np.ndarray:
-    """(count,) bool of hexadecimal digits."""
-    return np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8), count=count).astype(bool)
 
 
 def row_of(

@@ -1,7 +1,7 @@
-"""Amplifier, mixer and converter of a deramping altimeter: compression, intermodulation, clipping.
+"""Amplifier, mixer and converter of a deramping altimeter: compression, second and third order, clipping.
 
 A memoryless nonlinearity acts on the envelope, and so commutes with the mixing by a sweep of constant modulus. A weak
-signal beside a strong one is then scaled by a gain that follows the strong one's envelope alone; no simulation at radio
+signal is then scaled by a gain that follows the strong one's envelope alone; no simulation at radio
 frequency is needed. Amplitudes are square-root milliwatts at the receiver's input; the small-signal gain is 1.
 """
 
@@ -16,14 +16,14 @@ _NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6
 
 @dataclass(frozen=True)
 class EnvelopeGain:
-    """Gains of an amplifier beside a strong signal.
+    """Gains of an amplifier under a strong signal.
 
     Attributes
     ----------
     own : float
         Gain of the strong signal's amplitude (of the part that correlates with it).
     weak : float
-        Mean gain of a weak signal's amplitude beside it.
+        Mean gain of a weak signal's amplitude.
     modulation : float
         Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
         skirt as wide as the strong signal's band.
@@ -97,8 +97,8 @@ class Amplifier:
         slope = 1 - (2 * square / third + (square / limit) ** s) * gain ** (2 * s)
         return 0.5 * gain * (1 + slope)
 
-    def beside(self, power_dbm: float, *, constant_envelope: bool) -> EnvelopeGain:
-        """Gains beside a strong signal of a mean power.
+    def with_strong(self, power_dbm: float, *, constant_envelope: bool) -> EnvelopeGain:
+        """Gains under a strong signal of a mean power.
 
         Parameters
         ----------
@@ -117,6 +117,48 @@ class Amplifier:
         mean = float(weight @ weak)
         own = float(weight @ (share * self.gain(amplitude)))  # E[G(A) A] / E[A^2]
         return EnvelopeGain(own, mean, float(weight @ weak**2) / mean**2 - 1)
+
+
+def rectified(power_mw: np.ndarray, iip2_dbm: float) -> np.ndarray:
+    """Complex samples at the IF of an envelope that the mixer's second order rectifies, both rails alike.
+
+    Referred to the input: two carriers of power P give a line that a wanted signal of power ``P^2 / IIP2`` would give
+    on each rail. ``power_mw`` is the envelope's power over time, any shape.
+    """
+    return (0.5 + 0.5j) * 10 ** (-iip2_dbm / 20) * power_mw
+
+
+def rectified_mw_per_hz(power_mw: float, iip2_dbm: float, bandwidth_hz: float) -> float:
+    """Density near 0 Hz of `rectified` for complex Gaussian noise, flat over a bandwidth: ``P^2 / (2 IIP2 B)``.
+
+    The variance of the power is ``P^2``, and its spectrum a triangle from -B to B.
+    """
+    return 0.5 * power_mw**2 / (10 ** (iip2_dbm / 10) * bandwidth_hz)
+
+
+@dataclass(frozen=True)
+class Bursts:
+    """Time-division duplex: a transmitter that is on for a share of every period.
+
+    Parameters
+    ----------
+    period_s : float
+    duty : float
+        0..1.
+    """
+
+    period_s: float
+    duty: float
+
+    def on(self, time_s: np.ndarray) -> np.ndarray:
+        """(...) bool: whether it transmits."""
+        return np.mod(time_s, self.period_s) < self.duty * self.period_s
+
+    def gain(self, time_s: np.ndarray, during: float, recovery_s: float) -> np.ndarray:
+        """(...) gain of a weak signal: ``during`` a burst, from its end on back to 1 with a time constant."""
+        after = np.mod(time_s, self.period_s) - self.duty * self.period_s
+        decay = np.exp(-np.maximum(after, 0.0) / recovery_s) if recovery_s > 0 else after < 0
+        return 1.0 - (1.0 - during) * decay
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from scipy import fft
 from ..fir import kaiser_lowpass
 from ..waveform import Waveform
 
-# Simulation rate over IF rate: the sweep moves by 3 MHz in one symbol of 15 kHz subcarriers at 43 GHz/s (150 MHz in
-# 3.5 ms), and all of a symbol that comes near the IF has to lie within the simulated band.
+# Simulation rate over IF rate: a wave that crosses the IF fades in and out over two IF rates outside it, so that the
+# edge of that gate is not in the IF (`emitters._crossing`; error vector -31 dB, tests/test_deramp.py).
 SIMULATION_FACTOR = 5
 
 

@@ -33,10 +33,10 @@ STANDINGS = ("read in source", "secondary", "assumed")
 _TEMPERATURE_K = 290.0
 _WORDS = {
     "sweep": tuple(SHAPES),
-    "mixer": ("iq", "real"),
     "detector": ("fft", "counter", "tracker"),
     "strategy": ("strongest", "leading_edge"),
 }
+_ACROSS = 64  # frequencies across a carrier of 100 MHz on the preselector's skirt: within 0.01 dB
 _BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
 _LIMITS = {
     "carrier_hz": _BAND_HZ,
@@ -52,14 +52,18 @@ _LIMITS = {
     "if_pass_hz": (1e3, 5e7),
     "preselector_hz": (1e6, 1e9),
     "preselector_order": (1, 20),
-    "p1db_dbm": (-80.0, 30.0),
-    "iip3_dbm": (-70.0, 60.0),
-    "isolation_db": (20.0, 150.0),
+    "p1db_dbm": (-80.0, 100.0),
+    "iip3_dbm": (-70.0, 120.0),
+    "iip2_dbm": (-60.0, 200.0),
+    "isolation_db": (20.0, 200.0),
     "lo_noise_dbc_per_hz": (-200.0, -60.0),
+    "lo_far_noise_dbc_per_hz": (-200.0, -60.0),
+    "recovery_s": (0.0, 1.0),
     "converter_bits": (4, 24),
     "headroom_db": (0.0, 60.0),
     "sweeps_per_output": (1, 1000),
     "pfa": (1e-12, 0.5),
+    "unlock_loss_db": (60.0, 200.0),
     "max_altitude_ft": (100.0, 20_000.0),
     "max_vertical_speed_m_per_s": (0.0, 300.0),
     "sigma0_db": (-60.0, 40.0),
@@ -77,8 +81,6 @@ class Profile:
     name, about : str
     sweep : str
         ``triangle``, ``sawtooth_up``, ``sawtooth_down``.
-    mixer : str
-        ``iq``, or ``real``: one rail, and 3 dB less signal to noise.
     detector : str
         ``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`).
     strategy : str
@@ -93,16 +95,20 @@ class Profile:
         Receiver noise figure; rate of the IF samples; flat part of the IF filter, which is the channel filter.
     preselector_hz, preselector_order : float
         3 dB width about the carrier and order (Butterworth) of the filter before the amplifier.
-    p1db_dbm, iip3_dbm, isolation_db : float
-        `Amplifier`; isolation from the transmitter's output to the port. The IF's high-pass removes the static leakage,
-        but not its modulation by a strong envelope.
-    lo_noise_dbc_per_hz : float
-        Broadband phase noise of the transmitter, which is the local oscillator: it mixes whatever is within the sweep's
-        band into the IF.
+    p1db_dbm, iip3_dbm, iip2_dbm, isolation_db : float
+        `Amplifier` and `rectified`, referred to the amplifier's input; isolation from the transmitter's output to the
+        port. The IF's high-pass removes the static leakage, but not its modulation by a strong envelope.
+    lo_noise_dbc_per_hz, lo_far_noise_dbc_per_hz : float
+        Broadband phase noise of the transmitter, which is the local oscillator, within the sweep's band and outside it:
+        it mixes whatever is there into the IF.
+    recovery_s : float
+        Time constant with which the gain comes back after a burst.
     converter_bits, headroom_db : float
         `Converter`.
     sweeps_per_output, pfa, max_altitude_ft, max_vertical_speed_m_per_s : float
         Frames (two ramps each) per output, false alarms per output in noise, span, fastest climb.
+    unlock_loss_db : float
+        Loop loss from transmitter to port beyond which there is no computed data.
     sigma0_db : float
         Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up land.
     other_altimeters, other_coupling_db : float
@@ -128,18 +134,21 @@ class Profile:
     preselector_order: int
     p1db_dbm: float
     iip3_dbm: float
+    iip2_dbm: float
     isolation_db: float
     lo_noise_dbc_per_hz: float
+    lo_far_noise_dbc_per_hz: float
+    recovery_s: float
     converter_bits: int
     headroom_db: float
     sweeps_per_output: int
     pfa: float
+    unlock_loss_db: float
     max_altitude_ft: float
     max_vertical_speed_m_per_s: float
     sigma0_db: float
     other_altimeters: int
     other_coupling_db: float
-    mixer: str = "iq"
     detector: str = "fft"
     strategy: str = "strongest"
     standing: dict[str, tuple[str, str]] = field(default_factory=dict)
@@ -151,10 +160,12 @@ class Profile:
         for name, (low, high) in _LIMITS.items():
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f"{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}")
-        if self.detector == "counter" and self.mixer == "real":
-            raise ValueError("mixer is real; the counter counts phase and needs iq")
         if self.detector == "tracker" and self.sweeps_per_output < 8:
             raise ValueError(f"sweeps_per_output is {self.sweeps_per_output}; the tracker needs at least 8")
+        if self.detector == "tracker" and self.unlock_loss_db < 200:
+            raise ValueError(
+                f"unlock_loss_db is {self.unlock_loss_db:g}; the tracker has no threshold on power: 200"
+            )
         low_hz, high_hz = (self.carrier_hz + side * 0.5 * self.bandwidth_hz for side in (-1, 1))
         if low_hz < _BAND_HZ[0] or high_hz > _BAND_HZ[1]:
             raise ValueError(
@@ -173,6 +184,12 @@ class Profile:
                 f"{beat_hz:.4g} Hz: raise it or lower max_altitude_ft"
             )
         _ = self.amplifier  # raises where its numbers do not fit
+        leakage_dbm = self.transmit_dbm - self.isolation_db
+        if leakage_dbm > self.p1db_dbm:
+            raise ValueError(
+                f"p1db_dbm is {self.p1db_dbm:g}; the leakage of {leakage_dbm:.1f} dBm compresses the amplifier: raise "
+                "it or isolation_db"
+            )
 
     @cached_property
     def waveform(self) -> IfWaveform:
@@ -249,10 +266,11 @@ class Profile:
         x = np.pi / (2 * self.preselector_order)
         return self.preselector_hz * x / np.sin(x)
 
-    def preselector_loss_db(self, frequency_hz: float) -> float:
-        """Attenuation of the preselector."""
-        offset = 2 * abs(frequency_hz - self.carrier_hz) / self.preselector_hz
-        return float(10 * np.log10(1 + offset ** (2 * self.preselector_order)))
+    def preselector_loss_db(self, frequency_hz: float, bandwidth_hz: float = 0.0) -> float:
+        """Attenuation by the preselector of a carrier, of the mean power of one that is flat over a bandwidth."""
+        at_hz = frequency_hz + bandwidth_hz * (np.arange(_ACROSS) + 0.5 - 0.5 * _ACROSS) / _ACROSS
+        offset = 2 * np.abs(at_hz - self.carrier_hz) / self.preselector_hz
+        return float(-10 * np.log10(np.mean(1 / (1 + offset ** (2 * self.preselector_order)))))
 
     @property
     def output_s(self) -> float:
@@ -263,8 +281,9 @@ class Profile:
         """Callable: (n, N) IF frames of whole outputs -> (status, altitude in metres), installation delay included."""
         w, top_m = self.waveform, self.max_range_m
         speed = self.max_vertical_speed_m_per_s
+        least_mw = 10 ** ((self.transmit_dbm - self.unlock_loss_db) / 10)
         if self.detector == "counter":
-            return CounterDetector(w, self.sweeps_per_output, max_altitude_m=top_m)
+            return CounterDetector(w, self.sweeps_per_output, max_altitude_m=top_m, least_power=least_mw)
         if self.detector == "tracker":
             settings = AltimeterSettings(
                 max_altitude_m=top_m, max_vertical_speed_m_per_s=speed, strategy=self.strategy
@@ -279,6 +298,7 @@ class Profile:
             max_vertical_speed_m_per_s=speed,
             pfa=self.pfa,
             strategy=self.strategy,
+            least_power=least_mw,
         )
 
 

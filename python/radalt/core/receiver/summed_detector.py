@@ -38,6 +38,8 @@ class SummedDetector:
     strategy : str
         ``"strongest"``, or ``"leading_edge"``: the -6 dB point of the rise of the nearest return that stands out, in
         the sum of the block and smoothed over a resolution cell; corrected so that a point is unbiased.
+    least_power : float
+        Power of the strongest line, in the unit of the frames, below which there is no computed data.
     """
 
     def __init__(
@@ -49,8 +51,10 @@ class SummedDetector:
         max_vertical_speed_m_per_s: float = 20.0,
         pfa: float = 1e-4,
         strategy: str = "strongest",
+        least_power: float = 0.0,
     ) -> None:
         self.waveform, self.sweeps, self.strategy = waveform, sweeps, strategy
+        self._least = 2 * sweeps * least_power * waveform.samples_per_half**2
         self._size = fft.next_fast_len(_PADDING * waveform.samples_per_half)
         self.cell_hz = waveform.rate_hz / self._size
         doppler = waveform.vertical_speed_to_doppler_hz(max_vertical_speed_m_per_s) / self.cell_hz
@@ -105,7 +109,7 @@ class SummedDetector:
                 better = total.max(axis=1) > best.max(axis=1)
                 best[better] = total[better]
         level = np.median(best, axis=1)
-        found = best.max(axis=1) > self.threshold * level
+        found = best.max(axis=1) > np.maximum(self.threshold * level, self._least)
         at = self._edge(best, level) if self.strategy == "leading_edge" else self._peak(best)
         beat = (self._first + at) * self.cell_hz
         altitude = delay_to_altitude_m(beat / self.waveform.slope_hz_per_s) - self._bias
@@ -141,7 +145,7 @@ class SummedDetector:
 
 
 class CounterDetector:
-    """A limiter and a counter: the mean frequency of the whole IF over a block, always called NORMAL.
+    """A limiter and a counter: the mean frequency of the whole IF over a block, NORMAL whenever there is power.
 
     The phase advance of the limited IF over the sweep, which is what zero crossings count, without the counter's own
     step of half a cycle per sweep. Whatever is strongest at an instant captures it.
@@ -154,10 +158,14 @@ class CounterDetector:
         Frames per output.
     max_altitude_m : float
         The first samples of each half, in which its return is still on the ramp before, are not counted.
+    least_power : float
+        Mean power of the IF below which there is no computed data.
     """
 
-    def __init__(self, waveform: Waveform, sweeps: int, *, max_altitude_m: float) -> None:
-        self.waveform, self.sweeps = waveform, sweeps
+    def __init__(
+        self, waveform: Waveform, sweeps: int, *, max_altitude_m: float, least_power: float = 0.0
+    ) -> None:
+        self.waveform, self.sweeps, self._least = waveform, sweeps, least_power
         blind_s = waveform.altitude_to_beat_hz(max_altitude_m) / waveform.slope_hz_per_s
         self._blind = int(np.ceil(blind_s * waveform.rate_hz)) + 2
 
@@ -168,4 +176,5 @@ class CounterDetector:
         turn = np.angle(halves[..., 1:] * np.conj(halves[..., :-1])).mean(axis=2) / (2 * np.pi)
         beat = (turn @ [-s for s in w.half_slopes]) / 2 * w.rate_hz
         altitude = delay_to_altitude_m(beat.reshape(-1, self.sweeps).mean(axis=1) / w.slope_hz_per_s)
-        return np.full(altitude.shape, Status.NORMAL), altitude
+        power = np.mean(halves.real**2 + halves.imag**2, axis=(1, 2)).reshape(-1, self.sweeps).mean(axis=1)
+        return np.where(power > self._least, Status.NORMAL, Status.NO_COMPUTED_DATA), altitude

@@ -4,8 +4,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..results.integrity import Integrity
 from ..results.page import render
+from ..results.proportion import paired_difference
+from ..results.rows import unbits
 from ..results.score import pool
 from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
 from .altitudes import groups
@@ -32,6 +36,7 @@ def report_markdown(
     # the segmenter's counters are equal for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
     values = report | tables | {"figures": figures, "frames_lost": lost, "summary": summary(report)}
+    values["verdict"] = verdict(report)
     return render(Path(__file__).with_name("report.md.j2"), **values)
 
 
@@ -48,6 +53,49 @@ def summary(report: dict[str, Any]) -> str:
         f"{counted(report['trials_per_point'], 'trial')} per point and method. "
         f"Source: {report['source']}. Seed {report['seed']}."
     )
+
+
+def verdict(report: dict[str, Any]) -> str:
+    """What the run says: the best method against the next that differs, the most wrong altitudes, the reach."""
+    by_method = series_of(r for r in with_interference(report["rows"]) if r["trials"])
+    totals = {name: pool(mine) for name, mine in by_method.items()}
+    best, *others = sorted(totals, key=lambda name: -totals[name].pd)
+    worst = max(totals, key=lambda name: totals[name].wrong)
+    total, bound = totals[worst], 100 * totals[worst].wrong_bound
+    named = (
+        f"`{worst}`, {total.wrong} of {total.trials}"
+        if total.wrong
+        else f"none of {total.trials} of any method"
+    )
+    return (
+        f"**`{best}` is right most often, with a Pd of {totals[best].pd:.3f}** over all overlaps above 0"
+        f"{_apart(best, others, {name: _right(mine) for name, mine in by_method.items()})}. "
+        f"Most wrong and valid: {named} (95 % bound {bound:.2g} %). "
+        f"{'Simulated' if report['source'] == 'simulated' else 'Off the air'}, with a sweep of "
+        f"{report['scene']['waveform']['bandwidth_hz'] / 1e6:g} MHz and samples before the mixer."
+    )
+
+
+def _apart(best: str, others: Sequence[str], right: dict[str, np.ndarray | None]) -> str:
+    """The next method, of ``others`` from the best on, that differs on the same frames, and those that do not."""
+    level: list[str] = []
+    for name in others:
+        ours, theirs = right[best], right[name]
+        if ours is None or theirs is None or ours.size != theirs.size:
+            return ""
+        difference, low, high = paired_difference(ours, theirs)
+        if low > 0:
+            like = f"; level with {', '.join(level)}" if level else ""
+            return f", {difference:.3f} ({low:.3f} to {high:.3f}) above `{name}` on the same {ours.size} frames{like}"
+        level.append(f"`{name}`")
+    return f"; level with {', '.join(level)}" if level else ""
+
+
+def _right(rows: Sequence[Row]) -> np.ndarray | None:
+    """(n,) bool of all trials of the rows; None where one does not hold its bits."""
+    if not all(r.get("right") for r in rows):
+        return None
+    return np.concatenate([unbits(r["right"], r["trials"]) for r in rows])
 
 
 def every_row(rows: Sequence[Row]) -> str:

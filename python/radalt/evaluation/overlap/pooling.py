@@ -22,7 +22,7 @@ from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
 
 _REPRODUCED = [c for c in COLUMNS.names if c not in COLUMNS.timing]  # columns that a repetition has again
-POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in _REPRODUCED if c != "seed")))
+POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in _REPRODUCED if c not in ("seed", "right"))))
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
 _NOT_EMITTER = ("sir_db", "overlap")  # keys of an interferer that are axes of the report
 _BEFORE_ALL = -1e9  # order of a level that there is not: no interference, no noise

@@ -1,5 +1,6 @@
 """Reports of finished runs, from anybody: what does not hold is refused in one line before it is pooled or shown."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -113,7 +114,7 @@ def _problem(row: Any) -> str:
     """First invalid value of a row; empty without any."""
     if not isinstance(row, dict):
         return "it is no mapping"
-    row.setdefault("pd_3pct", None)  # reports of 0.3.0 do not have it
+    row |= {"pd_3pct": row.get("pd_3pct"), "right": row.get("right", "")}  # reports of 0.3.0 do not have them
     for name in COLUMNS.names:
         if name not in row:
             return f"it has no {name}"
@@ -135,6 +136,8 @@ def _fits(name: str, value: Any) -> bool:
     """Whether a value is valid in its column."""
     if value is None or isinstance(value, bool):
         return value is None and name in _OPEN
+    if name == "right":
+        return isinstance(value, str) and re.fullmatch("[0-9a-f]*", value) is not None
     if name in COLUMNS.text:
         return _showable(value)
     if name in COLUMNS.whole:

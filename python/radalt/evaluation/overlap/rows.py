@@ -20,9 +20,9 @@ COLUMNS = Columns(
         *("trials", "detections", "correct", "pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m"),
         *("bias_m", "forced", "frames_lost", *COUNTERS, "seed"),
         *("ms_per_frame_median", "ms_per_frame_p99", "real_time_factor", "wrong_far", "wrong_bound"),
-        *("peak_to_sidelobe_db", "pd_3pct"),
+        *("peak_to_sidelobe_db", "pd_3pct", "right"),
     ),
-    text=frozenset({"source", "method", "interference"}),
+    text=frozenset({"source", "method", "interference", "right"}),
     whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
     | {*COUNTERS, "seed", "runs"},
     timing=frozenset({"ms_per_frame_median", "ms_per_frame_p99", "real_time_factor"}),
@@ -52,8 +52,12 @@ def make_row(
     segmenter: dict[str, Any],
     ms_per_frame: np.ndarray,
     real_time_factor: float,
+    right: str = "",
 ) -> dict[str, Any]:
-    """One row; ``segmenter`` holds the counters of the signal path, common to all methods of a point."""
+    """One row; ``segmenter`` holds the counters of the signal path, common to all methods of a point.
+
+    ``right``: a bit per trial, whether its altitude is correct (`results.rows.bits`).
+    """
     times = np.asarray(ms_per_frame, dtype=float)
     return COLUMNS.row(
         {
@@ -66,6 +70,7 @@ def make_row(
             "ms_per_frame_median": float(np.median(times)) if times.size else 0.0,
             "ms_per_frame_p99": float(np.percentile(times, 99)) if times.size else 0.0,
             "real_time_factor": real_time_factor,
+            "right": right,
         }
     )
 

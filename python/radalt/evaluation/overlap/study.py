@@ -18,8 +18,8 @@ from ...core.mitigation.tcae import default_model_path
 from ...core.receiver.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
 from ..engine.study import Point, Study
-from ..results.rows import Columns
-from ..results.score import score
+from ..results.rows import Columns, bits
+from ..results.score import correct_trials, score
 from ..simulation import run_chain
 from .altitudes import ALTITUDE_COLUMNS, altitude_rows
 from .points import OverlapPoint, scene_at, sweep_points
@@ -152,6 +152,7 @@ def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, An
             segmenter=result.segmenter,
             ms_per_frame=result.ms_per_frame[method],
             real_time_factor=result.real_time_factor,
+            right=bits(correct_trials(frames, programme)),
         )
         for method, frames in result.results.items()
     ]

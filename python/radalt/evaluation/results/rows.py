@@ -7,6 +7,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+
+def bits(which: np.ndarray) -> str:
+    """(n,) bool as hexadecimal digits."""
+    return np.packbits(which).tobytes().hex()
+
+
+def unbits(text: str, count: int) -> np.ndarray:
+    """(count,) bool of hexadecimal digits."""
+    return np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8), count=count).astype(bool)
+
 
 @dataclass(frozen=True)
 class Columns:

@@ -185,6 +185,12 @@ def trials_of(
     return results[trials[first]], truth_m[trials[first]]
 
 
+def correct_trials(results: np.ndarray, programme: Programme) -> np.ndarray:
+    """(trials,) bool: correct altitudes of the trials in order; parameters as in `score`."""
+    counted, true = trials_of(results, programme)
+    return counted["valid"] & (np.abs(counted["altitude_m"] - true) < CORRECT_LIMIT_M)
+
+
 def pool(rows: Sequence[dict[str, Any]]) -> Score:
     """Pooled `Score` of rows of reports: sums of counts, error sums from means."""
 

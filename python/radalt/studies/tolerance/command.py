@@ -1,8 +1,8 @@
 """The interference power in dBm at which an altimeter stops being usable, and the margin to 14 CFR 91.220.
 
 .venv/bin/python flowgraphs/tolerance_eval.py  # the default grid, into results/tolerance_eval
-.venv/bin/python flowgraphs/tolerance_eval.py --interferers nr10 --altitudes-ft 200 --outputs 40 --seeds 1
-.venv/bin/python flowgraphs/tolerance_eval.py --profile counter --altitudes-ft 200,1000 --method none --out results/old
+.venv/bin/python flowgraphs/tolerance_eval.py --interferers nr10 --altitudes-ft 200 --seeds 1
+.venv/bin/python flowgraphs/tolerance_eval.py --profile poor --interferers nr100_3930 --decompose --out results/why
 """
 
 import argparse
@@ -14,7 +14,8 @@ from ...evaluation.engine.shell import StudyCommand
 from ...evaluation.engine.study import Study
 
 PROGRAM, COMMAND = "tolerance_eval", "tolerance"
-INTERFERERS = "white_noise,tone,nr10,altimeter,equal_locked,equal_drifting,white_noise_others"
+PROFILES = "careful,typical,poor"
+INTERFERERS = "nr100_3750,nr100_3930,nr100_4050,nr100_4100,nr100_4140,nr10"
 
 
 def _list(text: str) -> tuple[str, ...]:
@@ -36,51 +37,78 @@ def _arguments(parser: Parser) -> None:
     add = parser.add_argument
     add(
         "--profile",
-        default="fmcw_150mhz",
-        help="altimeter: a YAML file, or a name of flowgraphs/altimeters (default: %(default)s)",
+        type=_list,
+        default=_list(PROFILES),
+        help=f"altimeters with commas: YAML files, or names of flowgraphs/altimeters (default: {PROFILES})",
     )
     add("--interferers", type=_list, default=_list(INTERFERERS), help=f"with commas (default: {INTERFERERS})")
     # not `--methods`: these work behind the IF filter, and the study says so of the others
-    add("--method", type=_list, default=("none", "blanking"), help="with commas (default: none,blanking)")
+    add("--method", type=_list, default=("none",), help="with commas (default: none)")
     add(
         "--altitudes-ft",
         type=_feet,
-        default=(50.0, 200.0, 1000.0, 5000.0),
-        help="with commas (default: 50,200,1000,5000)",
+        default=(200.0, 500.0, 1000.0, 2500.0, 5000.0, 7000.0),
+        help="with commas; each altimeter up to its span (default: 200,500,1000,2500,5000,7000)",
     )
     add(
         "--outputs",
         type=number(int, 20, 100_000),
-        default=150,
+        default=40,
         help="outputs per trial; 98 %% at 95 %% confidence needs 149 without a fault (default: %(default)s)",
     )
-    add("--seeds", type=number(int, 1, 100), default=3, help="realisations (default: %(default)s)")
+    add("--seeds", type=number(int, 1, 100), default=1, help="realisations (default: %(default)s)")
     add(
         "--ground",
         choices=("point", "diffuse"),
         default="point",
         help="a point at the loop loss of diffuse ground, as a test set shows it, or diffuse ground (default: point)",
     )
+    add(
+        "--approach",
+        default="",
+        help="fly past base stations instead: a YAML file such as flowgraphs/approaches/glide_path.yaml",
+    )
+    add(
+        "--decompose",
+        action="store_true",
+        help="interferers outside the band also with each mechanism alone, and without it",
+    )
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study:
+    if args.approach:
+        from .approach import ApproachStudy, load_approach
+
+        if args.decompose or args.method != ("none",) or args.ground != "point":
+            parser.error(
+                "--approach flies without mitigation, over a point, with all mechanisms; leave the others out"
+            )
+        return ApproachStudy(args.profile, *load_approach(args.approach), args.outputs)
     from .study import ToleranceStudy
 
     return ToleranceStudy(
-        args.profile, args.interferers, args.method, args.altitudes_ft, args.outputs, args.seeds, args.ground
-    )
+        args.profile, args.interferers, args.method, args.altitudes_ft, args.outputs, args.seeds, args.ground,
+        args.decompose,
+    )  # fmt: skip
 
 
 def _describe(rows: Sequence[dict[str, Any]]) -> str:
     """A measured point in a line."""
+    if not rows:
+        return "no altitude within the span"
     first = rows[0]
+    if "along_m" in first:
+        return f"{first['profile']}, {first['along_m']:g} m: {first['power_dbm']:.1f} dBm, failed: {first['failed']}"
     found = ", ".join(
         f"{r['altitude_ft']:g} ft {'not broken' if r['first'] == 'none' else r['first']}"
         if r.get("break_dbm") is None else
         f"{r['altitude_ft']:g} ft {r['break_dbm']:+.1f} dBm ({r['first'].split()[0]})"
         for r in rows
     )  # fmt: skip
-    return f"{first['interferer']}, {first['method']}, seed {first['seed']}: {found}"
+    return (
+        ", ".join(str(first[k]) for k in ("profile", "mechanisms", "interferer", "method", "seed"))
+        + f": {found}"
+    )
 
 
 SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, time_limit_s=1800.0)

@@ -1,7 +1,8 @@
-"""Page and figure of the tolerance campaign."""
+"""Page and figures of the tolerance campaign."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -9,22 +10,28 @@ import numpy as np
 from scipy import special
 
 from ...core.deramp.profile import Profile, load_profile
-from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT, pfd_dbw_per_m2_mhz
+from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT
 from ...evaluation.engine.study import Run
 from ...evaluation.results.figure import new_figure, save_figure, say
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.table import DASH, table
 from .criteria import CRITERIA, HIGHEST_DBM, RUN_IN
-from .interferers import INTERFERERS
+from .interferers import INTERFERERS, MECHANISMS
 from .study import ToleranceStudy
 
 MARGIN_DB = 6.0  # safety margin that compatibility studies add
+# Thresholds of one FMCW altimeter under 5G in dBm, by the abstract of Aerospace 2025, 12(1), 16: 1 to 6 and -4 to 0
+PUBLISHED_DBM = {"nr100_3930": (-4.0, 6.0, "measured, one altimeter (Aerospace 2025)")}
 # Okabe and Ito's colours and a marker, in the order of the interferers
-_STYLES = (
-    ("#000000", "o"), ("#E69F00", "s"), ("#0072B2", "D"), ("#009E73", "^"), ("#D55E00", "v"), ("#CC79A7", "P"),
-    ("#56B4E9", "X"), ("#8C6D31", "*"), ("#7F7F7F", "h"),
-)  # fmt: skip
+STYLES = (
+    ("#0072B2", "D"),
+    ("#000000", "o"),
+    ("#D55E00", "v"),
+    ("#009E73", "^"),
+    ("#CC79A7", "P"),
+    ("#7F7F7F", "h"),
+)
 
 
 @dataclass(frozen=True)
@@ -42,8 +49,8 @@ class Pooled:
         Highest level searched.
     clean : bool
         Whether the altimeter works without interference.
-    density, margin : float
-        The mean as dBm/MHz at the port, and in dB above Table 1 (NaN where that does not apply).
+    flux, margin : float
+        The mean as power flux density in dBW/m^2/MHz, and in dB above Table 1 (NaN where that does not apply).
     first : str
         Criteria that failed first in any seed.
     """
@@ -53,7 +60,7 @@ class Pooled:
     open: int
     highest: int
     clean: bool
-    density: float
+    flux: float
     margin: float
     first: str
 
@@ -78,103 +85,151 @@ def pooled(rows: Sequence[Mapping[str, Any]], highest_dbm: int = HIGHEST_DBM) ->
         open=sum(r["first"] == "none" for r in rows),
         highest=highest_dbm,
         clean=clean,
-        density=mean("break_dbm_per_mhz"),
+        flux=mean("break_dbw_per_m2_mhz"),
         margin=mean("margin_db"),
         first=", ".join(words),
     )
 
 
-def _groups(rows: Sequence[Mapping[str, Any]], profile: Profile) -> dict[tuple[str, str, float], Pooled]:
-    """(method, interferer, altitude) -> break-point."""
-    found: dict[tuple[str, str, float], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        found.setdefault((row["method"], row["interferer"], row["altitude_ft"]), []).append(row)
-    return {key: pooled(same, INTERFERERS[key[1]].highest_dbm(profile)) for key, same in found.items()}
+Groups = Mapping[
+    tuple[str, str, str, str, float], Pooled
+]  # profile, mechanisms, method, interferer, altitude
+
+
+def grouped(rows: Sequence[Mapping[str, Any]], profiles: Sequence[Profile]) -> Groups:
+    """Break-points over all seeds."""
+    by_name = {p.name: p for p in profiles}
+    found: dict[tuple[str, str, str, str, float], list[Mapping[str, Any]]] = {}
+    for r in rows:
+        key = r["profile"], r["mechanisms"], r["method"], r["interferer"], r["altitude_ft"]
+        found.setdefault(key, []).append(r)
+    return {k: pooled(same, INTERFERERS[k[3]].highest_dbm(by_name[k[0]])) for k, same in found.items()}
 
 
 def write_report(
     folder: RunFolder, study: ToleranceStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
 ) -> Path:
     """Write ``report.md``, ``report.json`` and the figure; returns the page."""
-    profile = load_profile(study.profile)
-    groups = _groups(rows["rows"], profile)
-    table_1 = float(pfd_dbw_per_m2_mhz(profile.carrier_hz))
+    profiles = [load_profile(name) for name in study.profiles]
+    groups = grouped(rows["rows"], profiles)
     figures = {method: figure_name(study, method) for method in study.methods}
     for method, name in figures.items():
-        save_figure(draw(profile, study, groups, method), folder.path / name)
+        save_figure(draw(profiles, study, groups, method), folder.path / name)
     values = {
-        "profile": profile,
+        "profiles": profiles,
         "study": study,
-        "duration_s": study.outputs * profile.output_s,
         "figures": figures,
-        "break_tables": {m: _break_table(study, groups, m) for m in study.methods},
-        "margin_table": _margin_table(study, groups),
-        "gain_table": _gain_table(study, groups),
-        "number_table": _number_table(profile),
+        "break_tables": {m: _break_table(profiles, study, groups, m) for m in study.methods},
+        "margin_table": _margin_table(profiles, study, groups),
+        "mechanism_table": _mechanism_table(profiles, study, groups) if study.decompose else "",
+        "unlock_table": _unlock_table(profiles, study, rows["rows"]),
+        "gain_table": _gain_table(profiles, study, groups),
+        "number_tables": {p.name: _number_table(p) for p in profiles},
         "criteria": CRITERIA,
         "margin_db": MARGIN_DB,
-        "table_1": table_1,
-        "table_1_at_port": table_1 - profile.flux_dbw_per_m2_mhz(0.0),
         "dash": DASH,
         "run_in": RUN_IN,
     }
     return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), rows, values)
 
 
-def _level(found: Pooled) -> str:
+def _level(found: Pooled | None) -> str:
+    """Mean power in dBm at the port with its interval, without flux."""
+    if found is None:
+        return "beyond the span"
     if not found.clean:
         return "fails without interference"
     if found.open and np.isnan(found.mean):
         return f"> {found.highest}"
     open_end = f" ({found.open} open)" if found.open else ""
-    return f"{found.mean:.1f} ± {found.half:.1f}{open_end}, {found.density:.1f}"
+    return f"{found.mean:.1f} ± {found.half:.1f}{open_end}"
 
 
-def _break_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled], method: str) -> str:
-    header = ["interferer", *(f"{feet:g} ft" for feet in study.altitudes_ft), "first to fall"]
+def _feet(study: ToleranceStudy) -> list[str]:
+    return [f"{feet:,g} ft" for feet in study.altitudes_ft]
+
+
+def _break_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, method: str) -> str:
     lines = []
-    for name in study.interferers:
-        found = [groups[method, name, feet] for feet in study.altitudes_ft]
-        words = dict.fromkeys(w for f in found for w in f.first.split(", ") if w)
-        lines.append([INTERFERERS[name].title, *map(_level, found), ", ".join(words) or DASH])
-    return table(header, lines)
+    for p, name in product(profiles, study.interferers):
+        found = [groups.get((p.name, "all", method, name, feet)) for feet in study.altitudes_ft]
+        cells = [_level(f) + (f", {f.flux:.1f}" if f and not np.isnan(f.flux) else "") for f in found]
+        words = dict.fromkeys(w for f in found if f for w in f.first.split(", ") if w)
+        lines.append([f"{p.name}, {INTERFERERS[name].title}", *cells, ", ".join(words) or DASH])
+    return table(["altimeter, interferer", *_feet(study), "first to fall"], lines)
 
 
-def _margin_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> str:
+def _margin_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups) -> str:
     """Margin to Table 1 at the altitudes where it applies, without and with 6 dB."""
     low = [feet for feet in study.altitudes_ft if feet <= MAX_ALTITUDE_FT]
-    if not low:
-        return ""
     lines = []
-    for name in study.interferers:
-        cells = [INTERFERERS[name].title]
-        for feet in low:
-            for method in study.methods:
-                margin = groups[method, name, feet].margin
-                cells.append(DASH if np.isnan(margin) else f"{margin:+.1f} / {margin - MARGIN_DB:+.1f}")
+    for p, name in product(profiles, study.interferers):
+        cells = [f"{p.name}, {INTERFERERS[name].title}", f"{study.asked(p, INTERFERERS[name]):g}"]
+        for feet, method in product(low, study.methods):
+            f = groups.get((p.name, "all", method, name, feet))
+            known = f is not None and not np.isnan(f.margin)
+            cells.append(f"{f.margin:+.1f} / {f.margin - MARGIN_DB:+.1f}" if known else DASH)
         lines.append(cells)
-    return table(["interferer", *(f"{feet:g} ft, {m}" for feet in low for m in study.methods)], lines)
+    header = ["altimeter, interferer", "Table 1, dBW/m²/MHz"]
+    return (
+        table([*header, *(f"{feet:g} ft, {m}" for feet, m in product(low, study.methods))], lines)
+        if low
+        else ""
+    )
 
 
-def _gain_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> str:
+def _mechanism_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups) -> str:
+    """What every mechanism costs: break-point with it alone, and what switching it off gains in dB."""
+    lines = []
+    outside = [name for name in study.interferers if INTERFERERS[name].blocker]
+    for p, name, method, mechanism in product(profiles, outside, study.methods, MECHANISMS):
+        cells = [f"{p.name}, {INTERFERERS[name].title}, {method}", mechanism]
+        for feet in study.altitudes_ft:
+            alone, without, whole = (
+                groups.get((p.name, case, method, name, feet))
+                for case in (f"alone {mechanism}", f"without {mechanism}", "all")
+            )
+            cells.append(f"{_level(alone) if alone else DASH} / {_gained(whole, without)}")
+        lines.append(cells)
+    return table(["altimeter, interferer, method", "mechanism", *_feet(study)], lines)
+
+
+def _unlock_table(
+    profiles: Sequence[Profile], study: ToleranceStudy, rows: Sequence[Mapping[str, Any]]
+) -> str:
+    """Loop loss at each altitude, and that at which a criterion falls without interference."""
+    lines = []
+    for p in profiles:
+        cells = []
+        for feet in study.altitudes_ft:
+            mine = [r for r in rows if (r["profile"], r["altitude_ft"]) == (p.name, feet)]
+            lost = [r["unlock_loss_db"] for r in mine if r.get("unlock_loss_db") is not None]
+            cells.append(f"{mine[0]['loop_loss_db']:.1f} / {min(lost):.1f}" if lost else DASH)
+        lines.append([p.name, *cells])
+    return table(["altimeter", *_feet(study)], lines)
+
+
+def _gained(without: Pooled | None, with_it: Pooled | None) -> str:
+    """How far a break-point has moved up, in dB."""
+    if without is None or with_it is None or np.isnan(without.mean):
+        return DASH
+    if with_it.open and np.isnan(with_it.mean):
+        return f"> {with_it.highest - without.mean:+.0f}"
+    return f"{with_it.mean - without.mean:+.1f}"
+
+
+def _gain_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups) -> str:
     """Gain in dB of each method over none."""
     others = [m for m in study.methods if m != "none"]
     if not others or "none" not in study.methods:
         return ""
     lines = []
-    for name in study.interferers:
-        for method in others:
-            cells = [f"{INTERFERERS[name].title}, {method}"]
-            for feet in study.altitudes_ft:
-                without, with_it = groups["none", name, feet], groups[method, name, feet]
-                if np.isnan(without.mean):
-                    cells.append(DASH)
-                elif with_it.open and np.isnan(with_it.mean):
-                    cells.append(f"> {with_it.highest - without.mean:+.0f}")
-                else:
-                    cells.append(f"{with_it.mean - without.mean:+.1f}")
-            lines.append(cells)
-    return table(["interferer, method", *(f"{feet:g} ft" for feet in study.altitudes_ft)], lines)
+    for p, name, method in product(profiles, study.interferers, others):
+        keys = [((p.name, "all", m, name, feet) for m in ("none", method)) for feet in study.altitudes_ft]
+        lines.append(
+            [f"{p.name}, {INTERFERERS[name].title}, {method}", *(_gained(*map(groups.get, k)) for k in keys)]
+        )
+    return table(["altimeter, interferer, method", *_feet(study)], lines)
 
 
 def _number_table(profile: Profile) -> str:
@@ -190,35 +245,52 @@ def figure_name(study: ToleranceStudy, method: str) -> str:
     return "tolerance.png" if method == study.methods[0] else f"tolerance_{method}.png"
 
 
-def draw(
-    profile: Profile, study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled], method: str
-) -> Any:
-    """Break-points over altitude as densities at the port, with the density that Table 1 allows in the band."""
-    figure = new_figure(4.8, 4.8)
-    axis = figure.subplots()
-    for k, name in enumerate(study.interferers):
-        colour, marker = _STYLES[k % len(_STYLES)]
-        found = [groups[method, name, feet] for feet in study.altitudes_ft]
-        y = np.array([f.density for f in found])
-        title, pairs = INTERFERERS[name].title, zip(study.altitudes_ft, found, strict=True)
-        style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.3, "capsize": 2}
-        axis.errorbar(study.altitudes_ft, y, yerr=[f.half for f in found], label=title, **style)
-        say(axis, study.altitudes_ft, y, [f"{title}, {feet:g} ft: {_level(f)}" for feet, f in pairs])
-    low = min(study.altitudes_ft)
-    if low < MAX_ALTITUDE_FT:
-        rule = float(pfd_dbw_per_m2_mhz(profile.carrier_hz)) - profile.flux_dbw_per_m2_mhz(0.0)
-        axis.plot([low, MAX_ALTITUDE_FT], [rule, rule], color="#444444", linewidth=2.5, linestyle=(0, (4, 2)))
-        words, place = "14 CFR 91.220(b),\nin band", {"textcoords": "offset points", "fontsize": 8}
-        axis.annotate(words, (low, rule), (2, -5), color="#444444", verticalalignment="top", **place)
-    axis.set_xscale("log")
-    axis.set_xticks(study.altitudes_ft, [f"{feet:,g}" for feet in study.altitudes_ft])
-    axis.minorticks_off()
-    axis.grid(True, linewidth=0.4, alpha=0.5)
-    axis.set_xlabel("altitude, ft")
-    axis.set_ylabel("power density at the port, dBm/MHz")
+def draw(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, method: str) -> Any:
+    """Break-points in dBm over altitude, a panel per interferer, with Table 1 and published thresholds."""
+    columns = min(3, len(study.interferers))
+    rows = -(-len(study.interferers) // columns)
+    figure = new_figure(1.2 + 2.4 * columns, 1.4 + 2.3 * rows)
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
+    for axis, name in zip(axes, study.interferers, strict=False):
+        kind = INTERFERERS[name]
+        for p, (colour, marker) in zip(profiles, STYLES, strict=False):
+            pairs = [(feet, groups.get((p.name, "all", method, name, feet))) for feet in study.altitudes_ft]
+            pairs = [(feet, f) for feet, f in pairs if f is not None]
+            feet, y = [feet for feet, _ in pairs], np.array([f.mean for _, f in pairs])
+            style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.3, "capsize": 2}
+            axis.errorbar(feet, y, yerr=[f.half for _, f in pairs], label=p.name, **style)
+            say(axis, feet, y, [f"{p.name}, {kind.title}, {x:g} ft: {_level(f)} dBm" for x, f in pairs])
+        if name in PUBLISHED_DBM:
+            low, high, words = PUBLISHED_DBM[name]
+            axis.axhspan(low, high, color="#56B4E9", alpha=0.35, linewidth=0, label=words)
+        p, low = profiles[0], min(study.altitudes_ft)
+        if low < MAX_ALTITUDE_FT and not np.isnan(asked := study.asked(p, kind)):
+            rule = asked - kind.flux_dbw_per_m2_mhz(p, 0.0)
+            axis.plot(
+                [low, MAX_ALTITUDE_FT],
+                [rule, rule],
+                color="#444444",
+                linewidth=2.5,
+                label="14 CFR 91.220(b) Table 1",
+            )
+        axis.set_title(kind.title, fontsize=9)
+        axis.set_xscale("log")
+        axis.set_xlim(0.8 * min(study.altitudes_ft), 1.25 * max(study.altitudes_ft))
+        axis.set_xlabel("altitude, ft", fontsize=9)
+        axis.set_xticks(study.altitudes_ft, [f"{feet:,g}" for feet in study.altitudes_ft], rotation=60)
+        axis.minorticks_off()
+        axis.grid(True, linewidth=0.4, alpha=0.5)
+    for axis in axes[len(study.interferers) :]:
+        axis.remove()
+    figure.supylabel("mean power at the port, dBm", fontsize=9)
     mitigation = "without mitigation" if method == "none" else f"with {method}"
-    axis.set_title(f"{mitigation}: usable below the line", fontsize=10)
+    figure.suptitle(f"usable below the line, {mitigation}", fontsize=10)
+    named = {
+        text: line
+        for axis in figure.axes
+        for line, text in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
     figure.legend(
-        *axis.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8, frameon=False
+        named.values(), named.keys(), loc="outside lower center", ncols=3, fontsize=8, frameon=False
     )
     return figure

@@ -1,31 +1,34 @@
-"""The tolerance campaign: break-points by interferer, altitude, method and seed.
+"""The tolerance campaign: break-points by altimeter, interferer, altitude, method and seed.
 
 IF frames of an interferer are made once per point and scaled, so that levels, altitudes and criteria share them.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy.constants import foot
 
+from ...core.deramp.front_end import rectified
 from ...core.deramp.ground import DiffuseGround
 from ...core.deramp.if_waveform import white_noise
 from ...core.deramp.profile import Profile, load_profile
 from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT, pfd_dbw_per_m2_mhz
 from ...core.mitigation import create
-from ...core.returns.link_budget import port_density_dbm_per_mhz
 from ...core.returns.point import point_return
 from ...evaluation.engine.study import Point, Study
 from ...evaluation.results.rows import Columns
 from .criteria import CRITERIA, RUN_IN, break_level, judged
-from .interferers import INTERFERERS, locked_m, others_mw
+from .interferers import INTERFERERS, MECHANISMS, NOT_ALONE, THRESHOLD, Interferer, locked_m, others_mw
 
 METHODS = ("none", "whitening", "linear_prediction", "blanking")  # those that work behind an IF filter
+KEEP_SCALE = ("none", "blanking")  # methods that leave the scale of the IF
 _CHUNK = 8  # outputs per call of the detector
 _APART = 0.05  # of the altitude; an equal sweep nearer to it could pass the criteria (2 %) for the return
+_MOST_LOSS_DB = 160  # in which the loop loss of a lost track is searched
 # Mean density of interference in the sweep over the power of the return at the break-point, dB/MHz, measured with white
 # noise and nearly the same for all interferers. Only where a bisection starts.
 _EXPECTED_DB = 30.0
@@ -33,8 +36,10 @@ _EXPECTED_DB = 30.0
 
 @dataclass(frozen=True)
 class TolerancePoint(Point):
-    """One interferer, method and seed; its rows are the altitudes."""
+    """One altimeter, interferer, method and seed; its rows are the altitudes."""
 
+    profile: str = "typical"
+    mechanisms: str = "all"  # or `alone` or `without` one of `MECHANISMS`
     interferer: str = "white_noise"
     method: str = "none"
     seed: int = 1
@@ -63,6 +68,7 @@ class Trial:
         self.noise = white_noise(profile.waveform, frames, profile.noise_mw_per_hz, self.rng)
         self.bank = self.kind.bank(profile, frames, self.rng)
         self.others = others_mw(profile, frames, self.rng) if self.kind.others else None
+        self.burst_s = self.kind.bursts.period_s * self.rng.random() if self.kind.bursts else 0.0
         self.detector = profile.make_detector()
         options = {"max_altitude_m": profile.max_range_m} if method == "blanking" else {}
         self.method = None if method == "none" else create(method, profile.waveform, **options)
@@ -95,6 +101,17 @@ class Trial:
         status, altitude = (np.concatenate(column)[RUN_IN:] for column in zip(*found, strict=True))
         return status, altitude - p.installation_delay_ft * foot
 
+    def unlock_loss_db(self, returns: np.ndarray, altitude_ft: float) -> float | None:
+        """Loop loss at which a criterion falls without interference, to +/-0.5 dB; the altitude stays."""
+        p, loss_db = self.profile, self.profile.loop_loss_db(altitude_ft)
+
+        def failed(more_db: int) -> bool:
+            weaker = returns * np.float32(10 ** (-more_db / 20))
+            return any(judged(*self.outputs(weaker, None), altitude_ft * foot, p.output_s).values())
+
+        more_db = break_level(failed, min(p.unlock_loss_db, _MOST_LOSS_DB) - loss_db, _MOST_LOSS_DB)
+        return None if more_db is None else loss_db + more_db
+
     def _received(self, returns: np.ndarray, level_dbm: float | None, part: slice) -> np.ndarray:
         """IF frames of a slice, as the detector gets them."""
         p = self.profile
@@ -102,19 +119,32 @@ class Trial:
         if level_dbm is None:
             y = self.noise[part] + back
         else:
-            gain, added = self.kind.in_receiver(p, level_dbm)
-            y = self.noise[part] * np.float32(np.sqrt(1 + added / p.noise_mw_per_hz))
-            y += np.float32(gain.weak) * back
+            return_mw = float(np.mean(np.abs(returns[0]) ** 2))
+            gain, added = self.kind.in_receiver(p, level_dbm, return_mw)
+            density, weak = sum(added.values()) / p.noise_mw_per_hz, gain.weak
+            rest: np.ndarray | float = 0.0
+            if self.kind.bursts is not None:
+                time_s = self.burst_s + self._times_s(part)
+                on = self.kind.bursts.on(time_s)
+                weak = self.kind.bursts.gain(time_s, gain.weak, p.recovery_s)
+                through = gain.own**2 * 10 ** (self.kind.at_amplifier_dbm(p, level_dbm) / 10)
+                density, rest = density * on, rectified(through * on, p.iip2_dbm)
+            y = self.noise[part] * np.sqrt(1 + density, dtype=np.float32)
+            y += np.asarray(weak, dtype=np.float32) * back + np.asarray(rest, dtype=np.complex64)
             if self.bank is not None:
                 y += np.float32(gain.own * 10 ** (level_dbm / 20)) * self.bank[part]
         if self.others is not None:
             y += self.others[part]
-        if p.mixer == "real":
-            y = y.real.astype(np.complex64)
         blocks = y.reshape(-1, p.sweeps_per_output * y.shape[1])
         rms = np.sqrt(0.5 * np.mean(blocks.real**2 + blocks.imag**2, axis=1))
         y = p.converter(y, np.repeat(rms, p.sweeps_per_output)[:, None])
         return y if self.method is None else self.method.process(y)
+
+    def _times_s(self, part: slice) -> np.ndarray:
+        """(k, N) times of the samples of a slice of frames."""
+        w = self.profile.waveform
+        frames = np.arange(len(self.noise))[part, None]
+        return frames * w.sweep_s + w.sample_times_s
 
 
 @lru_cache(maxsize=4)
@@ -122,10 +152,30 @@ def _profile(name: str) -> Profile:
     return load_profile(name)
 
 
-_TEXT = ("profile", "interferer", "method", "ground", "first")
+def altered(profile: Profile, mechanisms: str) -> Profile:
+    """A profile with mechanisms switched off: ``all``, ``without NAME``, ``alone NAME``."""
+    how, _, name = mechanisms.partition(" ")
+    off = {} if how == "all" else MECHANISMS[name]
+    if how == "alone":  # the detector's threshold stays
+        others = [v for k, v in MECHANISMS.items() if k not in (name, THRESHOLD)]
+        off = {k: v for numbers in others for k, v in numbers.items()}
+    return replace(profile, **off)
+
+
+_TEXT = ("profile", "mechanisms", "interferer", "method", "ground", "first")
 _BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
 COLUMNS = Columns(
-    (*_TEXT[:4], "altitude_ft", "seed", "outputs", "output_s", "loop_loss_db", "return_dbm", "first")
+    (
+        *_TEXT[:5],
+        "altitude_ft",
+        "seed",
+        "outputs",
+        "output_s",
+        "loop_loss_db",
+        "return_dbm",
+        "unlock_loss_db",
+        "first",
+    )
     + (*_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"),
     text=frozenset(_TEXT),
     whole=frozenset({"seed", "outputs", "levels"}),
@@ -134,12 +184,12 @@ COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class ToleranceStudy(Study):
-    """A grid of interferers, methods, altitudes and seeds for one altimeter.
+    """A grid of altimeters, interferers, methods, altitudes and seeds.
 
     Attributes
     ----------
-    profile : str
-        Path, or name of a shipped profile.
+    profiles : tuple of str
+        Paths, or names of shipped profiles.
     interferers, methods : tuple of str
     altitudes_ft : tuple of float
     outputs : int
@@ -148,15 +198,18 @@ class ToleranceStudy(Study):
         Realisations 1, 2, ...
     ground : str
         ``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``.
+    decompose : bool
+        Measure interferers outside the band also with each of `MECHANISMS` alone, and without it.
     """
 
-    profile: str
+    profiles: tuple[str, ...]
     interferers: tuple[str, ...]
     methods: tuple[str, ...]
     altitudes_ft: tuple[float, ...]
     outputs: int = 150
     seeds: int = 3
     ground: str = "point"
+    decompose: bool = False
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {
@@ -166,53 +219,80 @@ class ToleranceStudy(Study):
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        p = _profile(self.profile)
-        words = {k: v for k, v in vars(p).items() if k in p.__dataclass_fields__ and k != "standing"}
-        return vars(self) | {"altimeter": words, "standing": {k: list(v) for k, v in p.standing.items()}}
+        numbers = [_profile(name) for name in self.profiles]
+        return vars(self) | {
+            "altimeters": [{k: getattr(p, k) for k in p.__dataclass_fields__} for p in numbers]
+        }
 
     def check(self) -> None:
         """See `Study`; raises ValueError, one line."""
-        p = _profile(self.profile)
+        profiles = [_profile(name) for name in self.profiles]
+        names = [p.name for p in profiles]
+        if len(set(names)) < len(names):
+            raise ValueError(f"--profile: two altimeters have one name: {', '.join(names)}; rename one")
         for name in self.interferers:
             if name not in INTERFERERS:
                 raise ValueError(f"--interferers: {name!r} is unknown; there are {', '.join(INTERFERERS)}")
-            try:
-                INTERFERERS[name].bank(p, 1, np.random.default_rng(1))
-            except ValueError as error:  # the sweep or the IF's rate does not fit
-                raise ValueError(f"--interferers: {name}: {error}") from None
+            for p in profiles:
+                try:
+                    INTERFERERS[name].bank(p, 1, np.random.default_rng(1))
+                except ValueError as error:  # the sweep or the IF's rate does not fit
+                    raise ValueError(f"--interferers: {name}: {error}") from None
         for name in self.methods:
             if name not in METHODS:
                 raise ValueError(
                     f"--method: {name!r} is none of those that work behind an IF filter, where a deramping altimeter "
                     f"has its samples: {', '.join(METHODS)}"
                 )
+        for p in profiles:
+            if min(self.altitudes_ft) > p.max_altitude_ft:
+                raise ValueError(
+                    f"--altitudes-ft: {p.name} has none within 10..{p.max_altitude_ft:g}, its span; name one"
+                )
+        for p, name in product(profiles, self.methods):
+            if p.unlock_loss_db < 200 and name not in KEEP_SCALE:
+                raise ValueError(
+                    f"--method: {name} changes the scale of the IF, on which {p.name} has its threshold on power; "
+                    "leave it out, or set the profile's unlock_loss_db to 200"
+                )
+        if self.decompose and not any(INTERFERERS[name].blocker for name in self.interferers):
+            raise ValueError("--decompose: no interferer is outside the band; name one, such as nr100_3930")
         for feet in self.altitudes_ft:
-            if not 10 <= feet <= p.max_altitude_ft:
-                raise ValueError(
-                    f"--altitudes-ft: {feet:g} ft; it has to be within 10..{p.max_altitude_ft:g}, the span of {p.name}"
-                )
-            apart_m = abs(locked_m(p) - (feet + p.installation_delay_ft) * foot)
-            if "equal_locked" in self.interferers and apart_m < _APART * feet * foot:
-                raise ValueError(
-                    f"--altitudes-ft: {feet:g} ft is where equal_locked appears, which could do no harm there; name "
-                    "another altitude"
-                )
+            if not feet >= 10:
+                raise ValueError(f"--altitudes-ft: {feet:g} ft; it has to be at least 10")
+            for p in profiles:
+                apart_m = abs(locked_m(p) - (feet + p.installation_delay_ft) * foot)
+                if "equal_locked" in self.interferers and apart_m < _APART * feet * foot:
+                    raise ValueError(
+                        f"--altitudes-ft: {feet:g} ft is where equal_locked appears, which could do no harm there; "
+                        "name another altitude"
+                    )
 
     def points(self) -> Sequence[TolerancePoint]:
         """See `Study`."""
-        frames = (self.outputs + RUN_IN) * _profile(self.profile).sweeps_per_output
-        return [
-            TolerancePoint(f"{i}, {m}, seed {s}", frames, interferer=i, method=m, seed=s)
-            for m in self.methods
-            for i in self.interferers
-            for s in range(1, self.seeds + 1)
-        ]
+        found = []
+        for name, method, interferer, seed in product(
+            self.profiles, self.methods, self.interferers, range(1, self.seeds + 1)
+        ):
+            p = _profile(name)
+            frames = (self.outputs + RUN_IN) * p.sweeps_per_output
+            cases = ["all"]
+            if self.decompose and INTERFERERS[interferer].blocker:
+                cases += [f"alone {m}" for m in MECHANISMS if m not in NOT_ALONE] + [
+                    f"without {m}" for m in MECHANISMS
+                ]
+            for case in cases:
+                words = f"{p.name}, {interferer}, {method}, seed {seed}" + (
+                    f", {case}" if case != "all" else ""
+                )
+                found.append(TolerancePoint(words, frames, "rows", name, case, interferer, method, seed))
+        return found
 
     def measure(self, point: Point) -> list[dict[str, Any]]:
-        """A row per altitude."""
-        p = _profile(self.profile)
+        """A row per altitude within the span."""
+        p = altered(_profile(point.profile), point.mechanisms)
         trial = Trial(p, point.interferer, point.method, self.outputs, point.seed, self.ground)
-        return [self._row(p, point, trial, feet) for feet in self.altitudes_ft]
+        return [self._row(p, point, trial, feet) for feet in self.altitudes_ft if feet <= p.max_altitude_ft]
 
     def _row(self, p: Profile, point: Point, trial: Trial, feet: float) -> dict[str, Any]:
         returns = trial.returns(feet)
@@ -226,6 +306,7 @@ class ToleranceStudy(Study):
         loss_db = p.loop_loss_db(feet)
         row = {
             "profile": p.name,
+            "mechanisms": point.mechanisms,
             "interferer": point.interferer,
             "method": point.method,
             "ground": self.ground,
@@ -236,6 +317,8 @@ class ToleranceStudy(Study):
             "loop_loss_db": loss_db,
             "return_dbm": p.transmit_dbm - loss_db,
         }
+        if point.mechanisms == "all" and point.interferer == self.interferers[0]:
+            row["unlock_loss_db"] = trial.unlock_loss_db(returns, feet)
         clean = [name for name, fails in failed(None).items() if fails]
         if clean:
             return row | {"first": "without interference: " + " ".join(clean), "levels": 1}
@@ -255,9 +338,15 @@ class ToleranceStudy(Study):
 
     def _densities(self, p: Profile, trial: Trial, feet: float, level_dbm: float) -> dict[str, float]:
         """Densities at the port and in the air, and the margin to Table 1 where that applies."""
-        at_hz = trial.kind.center_hz or p.carrier_hz
-        density = trial.kind.density_dbm_per_mhz(p, level_dbm)
-        unit = port_density_dbm_per_mhz(0.0, frequency_hz=at_hz, gain_dbi=p.gain_dbi, cable_db=p.cable_db)
-        flux = density - unit
-        margin = flux - float(pfd_dbw_per_m2_mhz(at_hz)) if feet <= MAX_ALTITUDE_FT else np.nan
+        density, flux = (
+            trial.kind.density_dbm_per_mhz(p, level_dbm),
+            trial.kind.flux_dbw_per_m2_mhz(p, level_dbm),
+        )
+        margin = flux - self.asked(p, trial.kind) if feet <= MAX_ALTITUDE_FT else np.nan
         return {"break_dbm_per_mhz": density, "break_dbw_per_m2_mhz": flux, "margin_db": margin}
+
+    @staticmethod
+    def asked(profile: Profile, kind: Interferer) -> float:
+        """Least level of Table 1 in dBW/m^2/MHz within a carrier outside the band, else that of the band."""
+        at_hz, side = kind.center_hz or profile.carrier_hz, 0.5 * (kind.bandwidth_hz or 0.0) * kind.blocker
+        return float(pfd_dbw_per_m2_mhz(np.linspace(at_hz - side, at_hz + side, 99)).min())

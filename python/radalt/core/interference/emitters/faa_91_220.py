@@ -53,7 +53,7 @@ def check_altitude_ft(altitude_ft: float) -> None:
 
 
 def pfd_dbw_per_m2_mhz(frequency_hz: np.ndarray | float, altitude_ft: float = 200.0) -> np.ndarray:
-    """Power flux density of Table 1 at `frequency_hz` (...), 3.0e9..5.6e9; an edge belongs to the band above.
+    """Power flux density of Table 1 at `frequency_hz` (...), 3.0e9..5.6e9; an edge has the lower of its two levels.
 
     Returns dBW/m^2/MHz (...). Raises ValueError outside 0..500 ft or outside 3000..5600 MHz.
     """
@@ -65,7 +65,8 @@ def pfd_dbw_per_m2_mhz(frequency_hz: np.ndarray | float, altitude_ft: float = 20
         )
     starts_hz = np.array([row[0] for row in TABLE_1]) * 1e6
     levels = np.array([row[2] for row in TABLE_1])
-    return levels[np.searchsorted(starts_hz, frequency, side="right") - 1]
+    above, below = (np.searchsorted(starts_hz, frequency, side=side) - 1 for side in ("right", "left"))
+    return np.minimum(levels[above], levels[np.maximum(below, 0)])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -72,6 +72,7 @@ class TabulatedAntenna:
     def load(cls, path: Path | str) -> "TabulatedAntenna":
         """Read a CSV file with columns ``angle_deg,gain_dbi`` or ``angle_deg,azimuth_deg,gain_dbi``.
 
+        ``elevation_deg``, up from the horizon, may stand for ``angle_deg``, which then counts from the zenith.
         Lines beginning with ``#`` are comments. With azimuths, every angle needs every azimuth.
 
         Raises
@@ -81,14 +82,16 @@ class TabulatedAntenna:
         """
         path = Path(path)
         rows, names = read_csv(path, most_bytes=_MOST_BYTES, what="antenna file")
-        if not {"angle_deg", "gain_dbi"} <= set(names):
+        elevation = "elevation_deg" in names and "angle_deg" not in names
+        if not {"elevation_deg" if elevation else "angle_deg", "gain_dbi"} <= set(names):
             raise ValueError(
                 f"antenna file {path} needs the columns angle_deg and gain_dbi (and azimuth_deg)"
             )
         points: dict[tuple[float, float], float] = {}
         for number, r in enumerate(rows, 1):
             try:
-                place = float(r["angle_deg"]), float(r.get("azimuth_deg") or 0.0) % 360.0
+                angle = 90.0 - float(r["elevation_deg"]) if elevation else float(r["angle_deg"])
+                place = angle, float(r.get("azimuth_deg") or 0.0) % 360.0
                 gain_dbi = float(r["gain_dbi"])
             except (TypeError, ValueError) as error:
                 raise ValueError(f"antenna file {path}: {error}; every cell has to be a number") from error
@@ -106,7 +109,7 @@ class TabulatedAntenna:
             hint = (
                 f"angle {absent[0][0]:g} azimuth {absent[0][1]:g} deg is missing"
                 if absent
-                else "angles start at 0"
+                else "angles start at 0 (elevations at 90)"
             )
             raise ValueError(f"antenna file {path}: {hint}; give at least two angles and the whole grid")
         table = np.array([[points[a, z] for z in azimuths] for a in angles])
