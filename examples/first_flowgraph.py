@@ -29,7 +29,7 @@ class FirstFlowgraph(gr.top_block):
         gr.top_block.__init__(self, "first flowgraph")
         sweeps = programme.total_frames + 3  # the last frames wait for those that confirm them
         self.radar = radalt.fmcw_chirp_source(scene, frames=sweeps)
-        self.jammer = radalt.mixture_jammer_source(scene, frames=sweeps)
+        self.jammer = radalt.jammer_source(scene, frames=sweeps)
         self.air = radalt.simulated_channel(scene)
         self.segmenter = radalt.frame_segmenter(scene)
         self.connect(self.radar, (self.air, 0))

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The command `radalt detection`, from the source tree: python/radalt/studies/detection/command.py."""
+"""A command until 0.3.0: says by which list it is replaced."""
 
-import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
-from radalt.studies.detection.command import main
+import _startup  # isort: skip  # noqa: F401 - first: the package on the path
+from radalt.evaluation.programs import moved
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(moved("detection"))

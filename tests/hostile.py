@@ -4,6 +4,10 @@ import contextlib
 import io
 from pathlib import Path
 
+import yaml
+
+from radalt.core.scene import Scene, scene_to_mapping
+
 MOST = 300  # characters of the one line
 
 
@@ -48,3 +52,9 @@ def assert_line(text: str) -> None:
     assert 0 < len(text) <= MOST, text
     assert text.isprintable(), repr(text)
     assert "[Errno" not in text, text
+
+
+def write_scene(scene: Scene, path: Path) -> Path:
+    """Write a scene as a YAML file."""
+    path.write_text(yaml.safe_dump(scene_to_mapping(scene)), encoding="utf-8")
+    return path

@@ -20,7 +20,7 @@ from radalt.evaluation.overlap.points import changed, sweep_points
 from radalt.evaluation.overlap.rows import COLUMNS
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.rowtable import Table
-from radalt.evaluation.simulation import received
+from radalt.evaluation.simulation import received, run_chain
 
 W = radalt.Waveform()
 
@@ -248,6 +248,11 @@ def lambda_named(name):
 def short(frames, waveform):
     """A wrong one."""
     return frames[:, :3]
+
+
+def test_a_run_that_finds_no_sweep_has_no_results():
+    scene = parse_scene({"channel": {"snr_db": -60.0}, "altitude": {"programme_m": [500], "frames": 1}})
+    assert run_chain(scene, ["none"]).results["none"].size == 0
 
 
 def test_a_report_prints_and_converts(report):

@@ -1,9 +1,12 @@
 """The bench: rows are a function of the list, equal to the flowgraph's path, and comparable with stored ones."""
 
+import re
+
 import numpy as np
 import pytest
 import yaml
 from hostile import ended
+from pages import assert_whole
 
 from radalt.bench import command
 from radalt.bench.board import check_rows, stored_rows, verdict
@@ -12,10 +15,16 @@ from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import paired
 from radalt.bench.rows import read_rows, row_of
+from radalt.bench.views.null import false_altitudes
+from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
+from radalt.evaluation.flowgraph.generate import prepare
+from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.results.rows import bits, unbits
-from radalt.evaluation.simulation import run_chain
+from radalt.evaluation.results.score import trials_of
 
+SHIPPED = tuple(METHODS)  # before other tests name methods of their own
+OPEN = ("standard", "ideal")  # lists without entries of their own: any method is compared there
 OWN = """
 import numpy as np
 
@@ -24,11 +33,35 @@ def mitigate(frames, waveform):
 """
 
 
-@pytest.mark.parametrize("name", ["standard", "ideal", "evm"])
+LISTS = sorted(path.stem for path in find_list("standard").parent.glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", LISTS)
 def test_shipped_lists_hold_cases_whose_seeds_differ(name):
-    cases = load_list(name).cases
-    assert len(cases) >= 5 and len({case.scene.seed for case in cases}) == len(cases)
-    assert all(case.trials >= 36 for case in cases), "fewer frames show no Pd of 0.9"
+    cases = load_list(name)
+    assert cases.name == name and cases.title and cases.cases
+    assert len({case.scene.seed for case in cases.cases}) == len(cases.cases)
+    assert all(case.trials >= 36 for case in cases.cases), "fewer frames show no Pd of 0.9"
+    assert [Entry.of(entry, keys, name).method for entry, keys in cases.entries.items()] or name in OPEN
+
+
+def test_no_seed_of_a_list_occurs_where_methods_are_made():
+    """Not in training, tests, tools or code: what is developed on a list's frames has no result on them."""
+    seeds = [yaml.safe_load(find_list(name).read_text())["seed"] for name in LISTS]
+    assert len(set(seeds)) == len(seeds)
+    numbers = re.compile(rf"\b({'|'.join(map(str, seeds))})\b")
+    root = find_list("standard").parents[1]
+    made = (
+        file
+        for part in ("training", "tests", "tools", "python", "flowgraphs")
+        for file in root.glob(f"{part}/**/*")
+    )
+    texts = (
+        (file, file.read_text("utf-8").replace("_", ""))
+        for file in made
+        if file.suffix in (".py", ".yaml", ".csv")
+    )
+    assert [file.name for file, text in texts if numbers.search(text)] == []
 
 
 def test_returns_are_the_same_at_every_level_and_more_frames_extend_them():
@@ -36,22 +69,6 @@ def test_returns_are_the_same_at_every_level_and_more_frames_extend_them():
     high, low = (few.at(level).altitude.programme for level in (-10.0, -40.0))
     assert high == low and high.altitudes_m == many.at(-10.0).altitude.programme.altitudes_m[:40]
     assert few.at(-10.0).seed != few.at(-40.0).seed
-
-
-@pytest.mark.parametrize(("name", "case"), [("standard", "nr10"), ("ideal", "qpsk_rectangular")])
-def test_an_entry_gives_what_the_direct_path_gives(name, case):
-    """To the bit, on a transmission that goes on and on frames drawn anew; that path equals the flowgraph."""
-    case = load_list(name, frames=8, only=[case]).cases[2]
-    scene = case.at(-30.0)
-    methods = ("none", "lms", "whitening", "time_frequency", "ofdm_cancel")
-    chain = run_chain(scene, methods)
-    frames = frames_of(case, -30.0)
-    for method in methods:
-        direct = chain.results[method]
-        direct = direct[scene.altitude.programme.is_trial(direct["frame_index"])]
-        mine = run(Entry(method, method), frames).results
-        for field in ("frame_index", "valid", "altitude_m", "forced_altitude_m", "ambiguity_db"):
-            np.testing.assert_array_equal(mine[field], direct[field])
 
 
 def test_bits_survive_the_row_and_pairs_are_of_the_same_frames():
@@ -74,7 +91,7 @@ def test_stored_rows_are_of_the_list_and_can_be_measured_again():
     frames = frames_of(case, -30.0)
     for entry in ("none", "whitening", "time_frequency"):
         name = Entry(entry, entry)
-        row = row_of((cases.name, cases.digest), case, -30.0, name, frames, run(name, frames))
+        row = row_of((cases.name, cases.digest), case, name, frames, run(name, frames))
         where = ("case", "overlap", "sir_db", "entry")
         (old,) = [r for r in rows if all(r[key] == row[key] for key in where)]
         # to the bit on the machine that stored it; last bits of another one may move a frame at the threshold
@@ -87,11 +104,78 @@ def test_stored_rows_are_of_the_list_and_can_be_measured_again():
         assert row["rmse_forced_m"] == pytest.approx(old["rmse_forced_m"], rel=0.1)
 
 
+def frames_at(tmp_path, level_db, **keys):
+    """Frames of one case of a list written here."""
+    path = tmp_path / "own.yaml"
+    case = {"interference": {"qpsk": {"pulse": "rrc"}}} | keys.pop("case", {})
+    path.write_text(
+        yaml.safe_dump({"extends": "standard", "seed": 5, "overlap": [1.0], "cases": {"one": case}} | keys)
+    )
+    (one,) = load_list(path, frames=8).cases
+    return frames_of(one, level_db)
+
+
+@pytest.mark.parametrize(
+    ("grid", "level_db", "power"),
+    [
+        ({"sir_db": [-20.0]}, -20.0, 1.0 + 100.0 + 0.1),
+        ({"sinr_db": [-20.0]}, -20.0, 1.0 + 100.0),
+        ({"inr_db": [30.0]}, 30.0, 1.0 + 100.0 + 0.1),
+        ({"snr_db": [-10.0]}, -10.0, 1.0 + 1.0 + 10.0),
+    ],
+)
+def test_a_level_is_a_ratio_of_powers(tmp_path, grid, level_db, power):
+    """Return 1; noise 0.1 unless the axis is its; interference as the axis says, 1 of a scene at 0 dB."""
+    case = {"interference": {"qpsk": {"pulse": "rrc", "sir_db": 0.0}}}
+    frames = frames_at(tmp_path, level_db, grid=grid, case=case)
+    assert np.mean(np.abs(frames.samples[frames.trial]) ** 2) == pytest.approx(power, rel=0.02)
+
+
+def test_without_a_return_every_declared_altitude_is_false(tmp_path):
+    """Noise and interference alone, also in the flowgraph's path; the timing is that of the preamble."""
+    frames = frames_at(tmp_path, 20.0, grid={"inr_db": [20.0]}, base={"return": "none"})
+    power = np.mean(np.abs(frames.samples) ** 2, axis=1)
+    assert power[frames.trial] == pytest.approx(0.1 + 10.0, rel=0.1) and power[~frames.trial][0] > 1.0
+    assert frames.lost == 0 and np.isinf(frames.truth_m).all()
+    out = run(Entry("none", "none"), frames)
+    out.results["valid"][:2], out.results["altitude_m"][:2] = True, 700.0
+    case = load_list("null", only=["tones"]).cases[0]
+    row = row_of(("null", "0"), case, Entry("none", "none"), frames, out)
+    assert row["detections"] >= 2 and row["correct"] == 0 and row["wrong_far"] == row["detections"]
+    assert f"| none | {row['detections']} of 8 |" in false_altitudes([row], {"none": 0.0155})
+
+
+def test_entries_have_their_own_altimeter_and_take_turns(tmp_path, browser):
+    """Through the command: memory and start-up of each, the textbook's altitudes, a page without gaps."""
+    out, methods = tmp_path / "a", "none,none_hann,none_150_m_per_s"
+    words = ["runtime", "--cases", "clean,tones", "--frames", "36", "--jobs", "1", "--methods", methods]
+    assert ended(command.main, *words, "--out", out) == (0, "")
+    assert_whole(out / "report.md", browser)
+    page = (out / "report.md").read_text("utf-8")
+    assert "## Cost" in page and "## Break-points" in page and "| none_hann |" in page
+    clean = {r["entry"]: r["rmse_forced_m"] for r in read_rows(out / "rows.csv") if r["case"] == "clean"}
+    assert clean["none_hann"] > 1.2 * clean["none"]  # a taper costs accuracy
+    words = ["detection", "--cases", "tones", "--frames", "36", "--jobs", "1", "--methods", "none,textbook"]
+    assert ended(command.main, *words, "--out", tmp_path / "b") == (0, "")
+    pd = {r["entry"]: r["pd"] for r in read_rows(tmp_path / "b" / "rows.csv")}
+    assert min(pd.values()) > 0.6  # at -26 dB, where both still find most
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         ({"grids": 1}, "mine.yaml: unknown key 'grids'; allowed: list, title, seed"),
         ({"grid": {"sir_db": "0:-60"}}, "grid.sir_db is '0:-60'; give levels, or first:last:step"),
+        ({"grid": {"sir_db": [0], "snr_db": [0]}}, "grid has sir_db and snr_db; give one of them"),
+        ({"grid": {"sinr_db": [20]}}, "mixture: grid.sinr_db 20 is not below channel.snr_db 10; lower it"),
+        ({"cases": {"a": {"like": "b"}, "b": {"like": "a"}}}, "mine.yaml: a: like is"),
+        ({"cases": {"a": 3}}, "mine.yaml: a is 3; expected a mapping of scene keys"),
+        (
+            {"extends": "nothing"},
+            "list 'nothing': no such file, and no shipped list; there are detection, evm",
+        ),
+        ({"entries": 3}, "entries is 3; give names of methods, or name: {method: ...}"),
+        ({"turns": -1}, "turns is -1; it has to be within 0..10000"),
         ({"cases": {}}, "cases is {}; give a mapping of at least one case"),
         ({"cases": {"a": {"interference": {"tones": {"cout": 3}}}}}, "unknown key 'interference.tones.cout'"),
     ],
@@ -126,3 +210,17 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(tmp_path):
     flipped = [row | {"right": bits(~unbits(row["right"], 8))} for row in mine]
     with pytest.raises(InputError, match="at most 1 % may"):
         check_rows(flipped, theirs)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(("name", "case"), [("standard", "nr10"), ("ideal", "qpsk_rectangular")])
+def test_every_method_gives_in_the_flowgraph_what_it_gives_here(tmp_path, name, case):
+    """To the bit, on a transmission that goes on and on frames drawn anew, with returns drawn per frame."""
+    case = load_list(name, frames=6, only=[case], salt="test").cases[2]
+    scene, frames = case.at(-30.0), frames_of(case, -30.0)
+    played = run_point(prepare(scene, SHIPPED, tmp_path), scene).results
+    for method in SHIPPED:
+        theirs = trials_of(played[method], scene.altitude.programme)[0]
+        mine = run(Entry(method, method), frames).results
+        for field in ("frame_index", "valid", "altitude_m", "forced_altitude_m", "ambiguity_db"):
+            np.testing.assert_array_equal(mine[field], theirs[field], err_msg=f"{method}: {field}")

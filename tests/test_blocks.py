@@ -124,15 +124,14 @@ def source_output(make, chunk: int) -> np.ndarray:
     return sink.data
 
 
+FREE = {"qpsk": {"pulse": "rrc", "overlap": 0.3, "free_running": True}}
 SOURCES = {
     "fmcw_chirp_source": lambda s: radalt.fmcw_chirp_source(s, frames=22),
-    "qpsk_jammer_source": lambda s: radalt.qpsk_jammer_source(s, overlap=0.3, sir_db=-20, frames=22),
-    "free_running": lambda s: radalt.qpsk_jammer_source(
-        s, pulse="rrc", overlap=0.3, free_running=True, frames=22
-    ),
-    "nr_jammer_source": lambda s: radalt.nr_jammer_source(s, overlap=0.7, sir_db=-15, frames=22),
-    "tone_jammer_source": lambda s: radalt.tone_jammer_source(s, count=3, frames=22),
-    "mixture_jammer_source": lambda s: radalt.mixture_jammer_source(s, frames=22),
+    "jammer_source": lambda s: radalt.jammer_source(s, frames=22),
+    "qpsk": lambda s: radalt.jammer_source(s, {"qpsk": {"overlap": 0.3, "sir_db": -20}}, frames=22),
+    "free_running": lambda s: radalt.jammer_source(s, FREE, frames=22),
+    "nr": lambda s: radalt.jammer_source(s, {"nr": {}}, overlap=0.7, sir_db=-15, frames=22),
+    "tones": lambda s: radalt.jammer_source(s, {"tones": {"count": 3}}, frames=22),
 }
 
 
@@ -153,7 +152,8 @@ def test_recording_source_is_the_same_in_any_chunks_at_its_sir(tmp_path):
     )
 
     def make():
-        return radalt.recording_jammer_source(scene, str(meta), offset_hz=0.3e6, sir_db=-13.0, frames=22)
+        recording = {"file": str(meta), "offset_hz": 0.3e6, "sir_db": -13.0}
+        return radalt.jammer_source(scene, {"recording": recording}, frames=22)
 
     outputs = [source_output(make, chunk) for chunk in CHUNKS]
     assert len({played.tobytes() for played in outputs}) == 1
@@ -162,7 +162,7 @@ def test_recording_source_is_the_same_in_any_chunks_at_its_sir(tmp_path):
     assert not frames[~trial].any()
     np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames[trial]) ** 2, axis=1)), 13.0, atol=0.01)
     with pytest.raises(ValueError, match="nothing.sigmf-meta: cannot be read .*make_recording.py"):
-        radalt.recording_jammer_source(scene, "nothing.sigmf-meta")
+        radalt.jammer_source(scene, {"recording": {"file": "nothing.sigmf-meta"}})
 
 
 def test_chirp_source_plays_the_programme_sweep_by_sweep():
@@ -211,7 +211,7 @@ def test_live_altitude_takes_effect_at_the_next_sweep():
 
 
 def test_live_overlap_and_sir_take_effect_at_the_next_sweep():
-    block = radalt.qpsk_jammer_source(scene_of(), overlap=1.0, sir_db=-10.0)
+    block = radalt.jammer_source(scene_of(), {"qpsk": {"sir_db": -10.0}})
     pull(block, 8 * N)
     before = pull(block, N)
     block.set_overlap(0.25)
@@ -224,9 +224,9 @@ def test_live_overlap_and_sir_take_effect_at_the_next_sweep():
         block.set_overlap(1.2)
 
 
-def test_mixture_source_is_the_stream_of_the_scene_and_can_be_overridden_live():
+def test_jammer_source_is_the_stream_of_the_scene_and_can_be_overridden_live():
     scene = scene_of(interference=[{"qpsk": {"sir_db": -10}}, {"tones": {"count": 2, "sir_db": -16}}])
-    block = radalt.mixture_jammer_source(scene)
+    block = radalt.jammer_source(scene)
     stream = JammerStream(
         scene.waveform, scene.interference, programme=scene.altitude.programme, seed=scene.seed
     )

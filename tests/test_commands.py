@@ -28,7 +28,7 @@ COMMAND = re.compile(
 )
 # Those that stop by themselves before they measure; of all others only the options are read.
 STOP = {"ota_eval": "--plan"} | dict.fromkeys(
-    ("detection", "error_vs_runtime", "integrity", "landing_eval", "leaving_out", "stability"), "--dry-run"
+    ("integrity", "landing_eval", "leaving_out", "stability"), "--dry-run"
 )
 PLACEHOLDER = re.compile(r"\b(CASE|NAME|LOGIN-NODE)\b|\.\.\.|/path/to/")
 
@@ -230,8 +230,8 @@ def test_help_acts_on_nothing(program, monkeypatch, capsys, tmp_path):
 
 def test_a_training_program_says_where_it_lies():
     environ = os.environ | {"PYTHONPATH": str(ROOT / "python")}
-    done = ran_python(ROOT / "training/evaluate_sweeps.py", "--help", env=environ)
-    assert done.stdout.startswith("usage: PYTHONPATH=python .venv/bin/python training/evaluate_sweeps.py")
+    done = ran_python(ROOT / "training/cards.py", "--help", env=environ)
+    assert done.stdout.startswith("usage: PYTHONPATH=python .venv/bin/python training/cards.py")
 
 
 TOOLS = sorted([*ROOT.glob("tools/[!_]*.*"), *ROOT.glob("cmake/*.py")])
@@ -259,6 +259,16 @@ def test_a_reader_that_closes_the_pipe_ends_a_command_in_silence():
         "sh", "-c", f"({sys.executable} {ROOT}/flowgraphs/ota_eval.py --plan; echo $? >&2) | true"
     ).stderr
     assert said == "141\n"
+
+
+@pytest.mark.parametrize("word", ["cancellation", "detection", "error-vs-runtime"])
+def test_a_former_command_names_its_list(word, capsys):
+    assert main([word, "--frames=3"]) == 2
+    said = capsys.readouterr().err
+    named = re.findall(r"radalt bench (\w+)", said)
+    assert named and said.count("\n") == 1 and all((ROOT / f"bench/{name}.yaml").is_file() for name in named)
+    script = ran_python(ROOT / f"flowgraphs/{word.replace('-', '_')}.py")
+    assert (script.returncode, script.stderr) == (2, said)
 
 
 def test_a_command_that_is_nearly_one_is_named(capsys):

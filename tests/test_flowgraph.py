@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio import gr, radalt
+from hostile import write_scene
 from waiting import ran, ran_python
 
 from radalt.core.receiver.altimeter import Altimeter
@@ -27,7 +28,7 @@ from radalt.core.scene import load_scene, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.flowgraph.generate import generate, prepare
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
-from radalt.evaluation.flowgraph.run import run_point, write_scene
+from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -219,7 +220,7 @@ def test_description_makes_the_block_for_every_option_of_its_choices(path, platf
     for case in cases:
         make, callbacks, errors, _ = rendered(platform, key, **case)
         assert errors == []
-        if key in ("radalt_sigmf_source", "radalt_recording_jammer_source"):
+        if key == "radalt_sigmf_source":
             continue  # needs a recording; made where recordings are tested
         holder = gr.top_block()
         holder.it = eval(make, {"radalt": radalt, "scene": scene, "self": holder})  # noqa: S307 - what the compiler writes

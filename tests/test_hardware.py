@@ -15,6 +15,7 @@ import pytest
 import uhd_double
 import yaml
 from gnuradio import blocks, gr, radalt
+from hostile import write_scene
 from uhd_double import RADIO
 
 from radalt.core.radio.calibration import (
@@ -30,7 +31,7 @@ from radalt.core.scene import SceneError, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.flowgraph.generate import Prepared, generate
 from radalt.evaluation.flowgraph.rewrite import load_grc
-from radalt.evaluation.flowgraph.run import load_class, write_scene
+from radalt.evaluation.flowgraph.run import load_class
 from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.radios import hardware
 from radalt.evaluation.radios.hardware import calibrate, run_hardware
@@ -105,9 +106,9 @@ def assert_set_up_in_order(recorded):
 
 
 def test_set_up_is_in_order_altitudes_are_right_and_events_are_counted(air, monkeypatch):
-    lines, held, hold = [], [], radalt.mixture_jammer_source.hold_drive
+    lines, held, hold = [], [], radalt.jammer_source.hold_drive
     seen = "hold_drive", lambda self: held.append(hold(self))
-    monkeypatch.setattr(radalt.mixture_jammer_source, *seen)
+    monkeypatch.setattr(radalt.jammer_source, *seen)
     result = fly(air, a_scene(), log=lines.append)
     assert_set_up_in_order(air.calls)
     built = {call[0]: call[2] for call in air.calls if call[1] == "construct"}
@@ -127,7 +128,7 @@ def test_set_up_is_in_order_altitudes_are_right_and_events_are_counted(air, monk
 def test_a_live_slider_cannot_make_the_jammer_clip(air):
     """The converters are scaled for the scene's burst; less SIR, or a shorter burst, is held at that power."""
     scene = a_scene()
-    jammer = radalt.mixture_jammer_source(scene, overlap=1.0, sir_db=-60.0)
+    jammer = radalt.jammer_source(scene, overlap=1.0, sir_db=-60.0)
     assert jammer.stream.total_sir_db == -60.0  # in the simulated channel nothing clips
     jammer.hold_drive()
     for overlap, sir_db in ((1.0, -60.0), (0.1, scene.sir_db), (0.02, 0.0), (1.0, -3.0)):

@@ -9,10 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-import cancellation
 import collect
-import detection
-import error_vs_runtime
 import gallery
 import integrity
 import landing_eval
@@ -31,6 +28,7 @@ import yaml
 from hostile import assert_line, assert_refused, ended, measure_here
 from waiting import end_of, ran, ran_python
 
+import bench
 from radalt.core.mitigation import MitigationError, create, rehearsal
 from radalt.core.parsing import InputError, load_yaml, shown
 from radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
@@ -166,11 +164,9 @@ def test_hostile_option_of_the_evaluation_gets_one_line(option):
 
 
 COMMANDS = {
-    landing_eval: "--jobs --frames --trials --sensitivity-trials --seed --sir-db --flat-m",
-    error_vs_runtime: "--frames --rounds --seed --sir-db",
+    landing_eval: "--jobs --frames --sensitivity-trials --seed --sir-db --flat-m",
     leaving_out: "--frames --repeats",
     integrity: "--frames --outputs --seed",
-    detection: "--frames --null-frames --noise-frames --seed",
     realtime_benchmark: "--seconds --overlap --batch",
     gallery: "--seed",
     ota_remote: "--keep-alive-s",
@@ -198,15 +194,16 @@ OTHERS = {
     landing_eval: (
         "nothing.yaml", "/dev/zero", "--trajectory=/dev/zero", "--terrain=/dev/zero",
         "--methods=" + "x" * 999, "--methods=", "--aircraft=a1b2c3 --dry-run",
-        "--frames=0 --trials=0 --sensitivity-trials=0",
+        "--frames=0 --sensitivity-trials=0",
     ),
-    error_vs_runtime: ("--models=/dev/zero", "--models=nothing.onnx", "--sir-db=0:1e9:1e-3"),
+    bench: (
+        "nothing.yaml", "/dev/zero", "null --methods=nothing", "null --cases=nothing", "null --frames=0",
+        "standard --method-file=m=/dev/zero", "paper --model=tcae_fc=nothing.onnx", "foreign --cases=dvbt",
+    ),
     stability: (
         "--methods=" + "x" * 999, "--groups=", "--models=nothing.onnx", "--methods=none,none",
         "--groups=numbers,numbers",
     ),
-    detection: ("--methods=" + "x" * 999, "--methods=", "--methods=none,none"),
-    cancellation: ("--methods=none,none", "--cases=nr10_64qam,nr10_64qam"),
     integrity: (
         "--methods=none,none", "--groups=noise,noise", "--methods=" + "x" * 999, "--groups=nothing",
         "--frames=401", "--replay=nothing:1", "--replay=noise:-1",

@@ -32,7 +32,7 @@ SMALL = """
 seed: 3
 methods: [none, blanking]
 approach: {frames: 8, sir_db: -15, overlap: 0.3, chunk: 4}
-curve: {overlap: [0, 1.0], sinr_db: [-40, 0], trials: 6, sensitivity_trials: 0}
+sensitivity_trials: 0
 """
 
 
@@ -48,7 +48,7 @@ def small(tmp_path, root):
     return path
 
 
-TABLES = ("approach.csv", "curve.csv")
+TABLES = ("approach.csv",)
 
 
 def _config(root, **changes):
@@ -84,13 +84,12 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path, br
         *(*TABLES, *"report.json report.md report.html study.yaml run.json points.jsonl .lock".split()),
         *(str(Path(f).with_suffix(kind)) for f in report["figures"] for kind in (".png", ".svg", ".pdf")),
     }
-    assert len(report["figures"]) == 3
+    assert len(report["figures"]) == 2
     assert_whole(one / "report.md", browser)
     assert any("onnxruntime was not imported" in line for line in report["left_out"])
     assert all(len(digest) == 64 for digest in report["inputs_sha256"].values())
     # 8 frames: once without interference, once for each of two methods
     assert len(_rows(one / "approach.csv")) == 24
-    assert len(_rows(one / "curve.csv")) == 2 * (1 + 4)
 
 
 def test_a_worker_elsewhere_needs_only_the_files_that_travel(root, tmp_path):
@@ -124,20 +123,6 @@ def test_a_scene_states_the_content_of_its_files_wherever_they_lie(name, tmp_pat
     assert moved.head()["inputs_sha256"] != stated
 
 
-def test_break_points_are_where_pd_falls_through_nine_tenths_of_the_ceiling(root):
-    config = _config(root, curve=landing.CurveSpec(overlap=(1.0,), sinr_db=(-20.0, -10.0, 0.0)))
-    pds = {None: 0.7, 0.0: 0.7, -10.0: 0.68, -20.0: 0.18}
-    rows = [
-        {"method": "none", "overlap": 0.0 if sinr is None else 1.0, "asked_sinr_db": sinr}
-        | {"pd": pd, "pd_low": pd - 0.1, "pd_high": pd + 0.1}
-        for sinr, pd in pds.items()
-    ]
-    (found,) = landing_report.break_points(config, rows)
-    assert found["pd_needed"] == pytest.approx(0.63)
-    assert found["sir_db"] == pytest.approx(-10 - 10 * 0.05 / 0.5) and found["text"] == "-11.0"
-    assert found["low_db"] < found["sir_db"] < found["high_db"]
-
-
 def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measured_here, undrawn):
     """ADS-B state vectors over the shipped ground: GNSS altitudes, 25 ft steps, a row on the ground."""
     rows = ["time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude"]
@@ -151,7 +136,7 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measure
     path.write_text("\n".join(rows) + "\n")
     files = [str(root / "flowgraphs" / "landing" / f"flat_n41w0{n}.dt0") for n in (89, 88)]
     arguments = [str(small), "--out", str(tmp_path / "out"), "--jobs", "1", "--trajectory", str(path)]
-    arguments += ["--altitude-offset-m", "34", "--terrain", *files, "--trials", "0"]
+    arguments += ["--altitude-offset-m", "34", "--terrain", *files]
     assert landing_command.main(arguments) == 0
     heights = [float(r["height_m"]) for r in _rows(tmp_path / "out" / "approach.csv")]
     assert max(heights) == pytest.approx(356.0, abs=4.0)
@@ -203,8 +188,8 @@ def test_a_footprint_that_leaves_the_terrain_is_one_line_from_the_plan_on(tmp_pa
         ({"metods": ["none"]}, "methods"),
         ({"ground": {"land": "moon"}}, "moon"),
         ({"approach": {"overlap": 2}}, "overlap"),
-        ({"curve": {"trials": "many"}}, "curve.trials"),
-        ({"curve": {"trials": -1}}, "curve.trials"),
+        ({"curve": {"trials": 9}}, "curve is a list of the bench now, radalt bench landing"),
+        ({"sensitivity_trials": -1}, "sensitivity_trials"),
         ({"interference": {"laser": {}}}, "laser"),
         ({"antenna": {"beamwidth_deg": True}}, "antenna.beamwidth_deg"),
     ],
@@ -231,12 +216,6 @@ def test_frames_have_the_sir_and_sinr_they_state(root):
     assert sir == pytest.approx(-15.0)
     active = np.mean(np.abs(frames[0, 0]) ** 2 > 5.0)
     assert active == pytest.approx(0.4, abs=0.01)
-    _, sir, sinr = landing_points.impaired(config, silent, rng, overlap=1.0, sinr_db=-20.0)
-    assert sinr == pytest.approx(-20.0) and sir[0] > -20.0
-    _, sir, sinr = landing_points.impaired(config, silent, rng, overlap=0.0, sinr_db=-20.0)
-    assert sinr == pytest.approx(-20.0) and np.isinf(sir).all()
-    _, _, sinr = landing_points.impaired(config, silent, rng, overlap=1.0, sinr_db=30.0)
-    assert sinr == pytest.approx(12.0)  # no SINR above the SNR
 
 
 def test_doppler_cancels_in_altitude_and_shows_as_vertical_speed(root):
@@ -273,9 +252,7 @@ def test_extended_ground_costs_metres_and_averaging_wins_them_back(root):
 
 
 def test_every_assumption_changes_one_thing(root):
-    config = _config(
-        root, curve=landing.CurveSpec(trials=0, sensitivity_trials=2), approach=landing.ApproachSpec(0)
-    )
+    config = _config(root, sensitivity_trials=2, approach=landing.ApproachSpec(0))
     points = landing_points.study_points(config)
     assert [p.assumption for p in points] == [a.name for a in ASSUMPTIONS]
     assert len({a.name for a in ASSUMPTIONS}) == len(ASSUMPTIONS)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pmt
@@ -488,4 +487,4 @@ def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path)
 def test_a_run_without_a_frame_ends_in_one_line():
     rows = [{"trials": 0, "lock_losses": 1, "pd": None}]
     with pytest.raises(FlowgraphError, match="no frame: timing not acquired"):
-        build_report({}, SimpleNamespace(scene=None), {"rows": rows}, None)
+        build_report({}, None, {"rows": rows}, None)

@@ -231,8 +231,8 @@ def lms_reference(
     return out
 
 
-@pytest.mark.parametrize("name", ["nlms", "lms_reference_input"])
-def test_lms_that_starts_every_frame_anew_adapts_independent_frames_together(name, monkeypatch):
+@pytest.mark.parametrize("name", ["lms", "nlms", "lms_reference_input"])
+def test_lms_adapts_independent_frames_together(name, monkeypatch):
     """A third of the time of one after the other."""
     frames, _ = scene(6, Interferer(QpskEmitter(), -10.0), 3)
     method, taken, real = create(name, W, independent=True), [], BlockLmsReferenceInput._filter

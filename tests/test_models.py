@@ -3,17 +3,14 @@
 Everything is read from the ONNX files themselves, without PyTorch and without the `onnx` package.
 """
 
-import csv
 import hashlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 from functools import cache
 from math import prod
 
-import compare_weights
 import numpy as np
 import pytest
 from google.protobuf.empty_pb2 import Empty
@@ -247,25 +244,3 @@ def test_a_run_tells_nobody_and_leaves_nothing(root, tmp_path):
     environ |= {"TMPDIR": str(tmp_path), "HOME": str(tmp_path), "PYTHONPATH": str(root / "python")}
     subprocess.run([sys.executable, "-c", code], env=environ, check=True, timeout=120)
     assert list(tmp_path.rglob("*")) == []
-
-
-def test_weights_are_compared_on_the_same_frames(models, tmp_path, capsys, monkeypatch):
-    """A copy is as good as the original, row by row."""
-    monkeypatch.setattr(compare_weights, "SIRS_DB", (-30.0,))
-    monkeypatch.setattr(compare_weights, "CLEAN_FRAMES", 4)
-    copy = tmp_path / "copy" / "tcae.onnx"
-    copy.parent.mkdir()
-    shutil.copy(models / "tcae.onnx", copy)
-    files = [str(models / "tcae.onnx"), str(copy)]
-    out = tmp_path / "rows.csv"
-    assert compare_weights.main([*files, "--trials", "1", "--out", str(out)]) == 0
-    with out.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    first, second = (
-        [r | {"weights": ""} for r in rows if r["weights"] == w] for w in ("models/tcae", "copy/tcae")
-    )
-    assert first == second and len(first) == 3 + 7 * 3
-    assert "right" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        compare_weights.main([files[0]] * 2)
-    assert "both files are models/tcae.onnx" in capsys.readouterr().err

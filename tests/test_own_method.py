@@ -12,7 +12,7 @@ import numpy as np
 import ota_eval
 import pytest
 from gnuradio import gr
-from hostile import ended
+from hostile import ended, write_scene
 from waiting import ran_python
 
 from radalt.core.mitigation import MitigationError, create
@@ -21,7 +21,7 @@ from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, save_as_companion
 from radalt.evaluation.flowgraph.rewrite import load_grc
-from radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
+from radalt.evaluation.flowgraph.run import load_class, run_point
 from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.overlap.study import OverlapStudy
 

@@ -1,36 +1,8 @@
-"""Pages from Markdown, and that of the study of detection, from rows that were made by hand."""
+"""Pages from Markdown."""
 
 import re
 
-from pages import assert_whole
-
-from radalt.evaluation.engine.run import head_of
-from radalt.evaluation.engine.study import Run
-from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.markdown import to_html
-from radalt.studies.detection.study import DetectionStudy
-
-RUN = Run(1, 3, 0, 2.0, 1, ".venv/bin/python flowgraphs/a_study.py --seed=3")
-
-
-def test_a_page_of_false_alarms_beside_the_textbooks_is_whole(tmp_path, browser):
-    """From rows by hand; the other studies' pages are held to the same where these are run."""
-    where = {
-        "method": "none",
-        "scene": "nr5",
-        "sir_db": -28.0,
-        "inr_db": 20.0,
-        "snr_db": 10.0,
-        "overlap": 1.0,
-    }
-    found = {name: 0.5 for name in ("declared", "forced", "rmse_m", "wrong", "rate", "low", "high", "bound")}
-    found |= {"declared_alone": 3, "forced_alone": 2}
-    row = where | {"frames": 20, "false": 10} | found | {f"textbook_{k}": v for k, v in found.items()}
-    rows = [row | {"allowed_m_per_s": speed} for speed in (150.0, 0.0, 20.0)]
-    study = DetectionStudy(("none",), 20, 20, 20)
-    page = study.report(RunFolder(tmp_path / "run", head_of(study)), {"rows": rows, "null": rows}, RUN)
-    assert_whole(page, browser)
-    assert RUN.command in page.with_suffix(".html").read_text(encoding="utf-8")
 
 
 def test_markdown_keeps_code_and_escapes_the_rest():

@@ -74,7 +74,7 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys, browse
     assert code == (0 if numbers["real_time_factor"] >= 1.0 else 1)
     assert numbers["calls"]["frame_segmenter"] > 0
     assert_whole(tmp_path / "run/report.md", browser)
-    words = "real-time factor,frame_segmenter,calls per frame,blocks that copy,kernels of simulated_channel"
+    words = "real-time factor,frame_segmenter,calls per frame,blocks that copy"
     assert all(word in printed for word in (*words.split(","), "tracker_none", "dropped", "memory"))
     assert realtime_benchmark.main(["--scene", "no_such_scene"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -21,7 +21,6 @@ from radalt.evaluation.overlap.pooling import collect, pool_runs
 from radalt.evaluation.overlap.reading import PoolError, read_run
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
-from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.rows import bits
@@ -90,9 +89,9 @@ def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
     rows = rows_of(scene, batches)
     run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     if whole:
-        write_report(folder, OverlapStudy(scene), {"rows": rows}, run)
+        write_report(folder, scene, {"rows": rows}, run)
     else:
-        folder.write_report(build_report(folder.head, OverlapStudy(scene), {"rows": rows}, run))
+        folder.write_report(build_report(folder.head, scene, {"rows": rows}, run))
     folder.close()
     return path
 
@@ -117,7 +116,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))
     run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
-    write_report(folder, OverlapStudy(scene), {"rows": rows}, run)
+    write_report(folder, scene, {"rows": rows}, run)
     folder.close()
     text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
     assert "Points without a frame never acquired the timing; they have no Pd (–)." in text
@@ -266,11 +265,12 @@ def test_a_method_looks_the_same_whatever_else_is_drawn():
     assert series_style("tcae", ["tcae"]) == series_style("tcae", ["none", "mine", "tcae"])
 
 
-def test_the_axis_of_one_overlap_says_that_overlap(tmp_path):
+def test_the_axis_of_one_overlap_are_the_methods(tmp_path):
     figure = draw_pd(
         [row for row in rows_of(scene_of()) if row["overlap"] == 1], tmp_path / "x.png", title="one"
     )
-    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["1"]
+    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == list(METHODS)
+    assert "overlap 1" in figure.axes[0].get_xlabel()
 
 
 def test_the_legend_of_every_method_lies_within_a_figure_of_one_panel(tmp_path):

@@ -42,9 +42,9 @@ def test_the_page_replays_a_recording_by_the_name_that_it_gets(root):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_mixture_block_plays_the_scene_at_its_total_sir_and_stays_silent_in_the_preamble(name):
+def test_jammer_block_plays_the_scene_at_its_total_sir_and_stays_silent_in_the_preamble(name):
     scene = load_scene(name).at(overlap=0.6, sir_db=-20.0)
-    frames = played(radalt.mixture_jammer_source(scene, frames=FRAMES))
+    frames = played(radalt.jammer_source(scene, frames=FRAMES))
     power = np.mean(np.abs(frames.astype(np.complex128)) ** 2, axis=1)
     preamble = scene.altitude.preamble_frames
     assert not power[:preamble].any()
@@ -54,19 +54,14 @@ def test_mixture_block_plays_the_scene_at_its_total_sir_and_stays_silent_in_the_
 
 
 @pytest.mark.parametrize(
-    "block",
-    [
-        lambda s: radalt.nr_jammer_source(
-            s, channel_bandwidth_hz=10e6, cell_id=9, sir_db=-13, overlap=0.4, frames=FRAMES
-        ),
-        lambda s: radalt.tone_jammer_source(s, count=3, sir_db=-13, overlap=0.4, frames=FRAMES),
-        lambda s: radalt.qpsk_jammer_source(s, sir_db=-13, overlap=0.4, frames=FRAMES),
-    ],
+    "interference",
+    [{"nr": {"channel_bandwidth_hz": 10e6, "cell_id": 9}}, {"tones": {"count": 3}}, {"qpsk": {}}],
     ids=["nr", "tones", "qpsk"],
 )
-def test_jammer_blocks_meet_sir_and_overlap(block):
+def test_jammer_block_meets_sir_and_overlap(interference):
     scene = load_scene("paper_qpsk")
-    frames = played(block(scene))[scene.altitude.preamble_frames :].astype(np.complex128)
+    block = radalt.jammer_source(scene, interference, sir_db=-13, overlap=0.4, frames=FRAMES)
+    frames = played(block)[scene.altitude.preamble_frames :].astype(np.complex128)
     np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), 13.0, atol=0.01)
     np.testing.assert_array_equal(np.count_nonzero(frames, axis=1), 3000)
 

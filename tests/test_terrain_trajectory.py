@@ -115,8 +115,14 @@ def test_a_gap_is_named_unless_allowed(tmp_path):
         ("time,lat,lon,alt\n0,42,-88,500\n", "1 usable points"),
         ("time,lat,lon,alt\n0,42,-88,5\n1,42,-88,5\n1,42,-88,5\n2,42,-88,5\n", "time goes from 1 s to 1 s"),
         ("time,lat,lon,alt\n0,92,-88,5\n1,92,-88,5\n2,92,-88,5\n3,92,-88,5\n", "latitudes"),
-        (track("altitude,vertical_rate", "1000,1200"), "altitude beside vertical_rate.*altitude_unit: ft"),
-        (track("geoaltitude,groundspeed", "1000,140"), "geoaltitude beside groundspeed.*altitude_unit"),
+        (
+            track("altitude,vertical_rate", "1000,1200"),
+            "altitude may be in feet .* has vertical_rate; give .*altitude_unit: ft",
+        ),
+        (
+            track("geoaltitude,groundspeed", "1000,140"),
+            "geoaltitude may be in feet .* has groundspeed; give .*altitude_unit",
+        ),
         (track("altitude", "{k}125"), r"1000 m/s from t = 0 s to point 2.*max_vertical_speed_m_per_s = 60"),
         (track("altitude", "500", east=0.1), r"828. m/s .*max_speed_m_per_s = 700"),
         (track("altitude", "500", step=1000), "milliseconds; give seconds"),

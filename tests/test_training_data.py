@@ -1,15 +1,12 @@
 """Training examples and the evaluation of models: reproducible, from the core. Needs no PyTorch."""
 
 import itertools
-import json
 from dataclasses import replace
 
 import data
-import evaluate
 import interferers
 import numpy as np
 import pytest
-from hostile import assert_refused, ended
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
@@ -105,43 +102,6 @@ def test_configurations_without_a_converter_keep_their_description():
     """The recorded hash of the paper's set holds its description; a field added later must not change it."""
     assert "converter" not in data.description(data.CONFIGS["paper"])
     assert "converter" in data.description(data.CONFIGS["heard"])
-
-
-def test_a_method_leaves_a_case_after_two_levels_at_which_it_has_failed(root, monkeypatch):
-    # four altitudes of which none is near zero, which is what block LMS makes of all
-    monkeypatch.setattr(evaluate, "FIRST_DRAW", 8000)
-    chains = tuple(evaluate.chain_of(name, root / "models") for name in ("none", "lms"))
-    study = evaluate.MethodStudy(chains, trials=4)
-    point = next(p for p in study.points() if p.name == "tones, overlap 1")
-    rows = [evaluate.COLUMNS.row(row) for row in study.measure(point)]
-    by_method = {m: [r for r in rows if r["method"] == m] for m in ("none", "lms")}
-    # block LMS never has the altitude; without a method tones are borne to some -24 dB
-    assert [r["sir_db"] for r in by_method["lms"]] == [0.0, -2.5]
-    assert -40 < by_method["none"][-1]["sir_db"] < -22.5
-    for mine in by_method.values():
-        assert [r["pd"] < 0.3 for r in mine[-2:]] == [True, True]
-    ((case, broken),) = evaluate.break_points(rows).items()
-    assert case == ("tones", 1.0) and broken["lms"].mark == ">=" and -30 < broken["none"].sir_db < -18
-    assert [evaluate.COLUMNS.row(row) for row in study.measure(point)] == rows
-
-
-def test_the_evaluation_writes_its_folder_and_resumes(tmp_path, measured_here):
-    out = tmp_path / "out"
-    words = "--methods none,whitening --trials 0 --clean-trials 3 --jobs 1 --out".split()
-    assert ended(evaluate.main, *words, out) == (0, "")
-    report = json.loads((out / "report.json").read_text())
-    rows = (out / "rows.csv").read_bytes()
-    assert len(report["rows"]) == 2 * 10 and report["models"] == {}
-    seen = {r["interferer"] for r in report["rows"]}
-    assert seen >= {"clean", "qpsk_rectangular_sinr_-15", "nr5, extended"}
-    assert "| none | 1.000" in (out / "report.md").read_text()
-    journal = (out / "points.jsonl").read_bytes()
-    (out / "points.jsonl").write_bytes(journal[: int(0.6 * len(journal))])
-    assert ended(evaluate.main, *words, out, "--resume") == (0, "")
-    assert (out / "rows.csv").read_bytes() == rows
-    status, error = ended(evaluate.main, *words, out, "--resume", "--clean-trials", "4")
-    assert_refused(status, error)
-    assert "special_trials is 3 there and 4 here" in error
 
 
 # -- sweeps, frames without a return, recordings ----------------------------------------------------------------------

@@ -1,11 +1,18 @@
 #!/usr/bin/env python3
-"""Which small mistakes in the receiver, the channel and the radio do the tests find? `make mutants` prints a table.
+"""Which small mistakes do the tests find, and on which constants does a result depend? `make mutants` prints a table.
+
+    .venv/bin/python tools/mutants.py altimeter:120 gate
+    .venv/bin/python tools/mutants.py --constants summed_block deleter
 
 Negates a comparison, swaps + and -, or swaps `and` and `or` within a function, one at a time, and runs the tests that
 call the function, the cheapest first. A survivor is a missing test, a dear one that was left out, or a change on which
 no result depends. A test that fails without a mutation, too, kills nothing; nor does a run without an end, which may be
-a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_MUTANTS_SEED the seed of the order
-(default 1); arguments are modules, or lines of them, as altimeter:120.
+a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_MUTANTS_SEED the seed of the order.
+
+With --constants each number at the top of a module is set to 0, half, twice and 100 times its value, and the tests run
+that call a function which uses it. The table has the first that fails. Where none of the four is noticed, no test
+states what the constant is for: it goes, with its code, or gets a test. What the cancellers' settings cost is measured
+by tools/ofdm_settings.py and tools/qpsk_sensitivity.py.
 
 Everything is imported once. Each mutant is a fork of that process, in which the functions of the module get other code:
 starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.
@@ -22,12 +29,13 @@ import os
 import random
 import re
 import resource
+import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, ModuleType
 
 import pytest
 from _tool import FLOWGRAPHS
@@ -36,8 +44,13 @@ from radalt.evaluation.results.proportion import wilson_interval
 
 ROOT, CORE = FLOWGRAPHS.parent, FLOWGRAPHS.parent / "python/radalt/core"
 LIMIT_S = float(os.environ.get("RADALT_MUTANTS_S", 3600))
-TESTS_S = 20.0  # CPU time of a mutant's tests without a mutation, s: the dearer ones take minutes
+TESTS_S = 10.0  # CPU time of a mutant's tests without a mutation, s: the dearer ones take minutes
 CPU_S = 5 * TESTS_S  # CPU time after which a mutant's tests have no end, at any load of the machine, s
+TESTS = [
+    f"tests/test_{n}.py"
+    for n in ("altimeter", "cfar", "channel", "summed_detector", "timing", "tracker_parts")
+]
+FACTORS = (0.0, 0.5, 2.0, 100.0)  # of constants
 SEED = int(os.environ.get("RADALT_MUTANTS_SEED", 1))  # of the order: a short time is a sample of all modules
 OTHER = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
 OTHER |= {ast.Add: ast.Sub, ast.And: ast.Or}
@@ -76,38 +89,6 @@ def put(tree: ast.Module, file: Path, **names: object) -> None:
         if isinstance(function, FunctionType) and function.__code__.co_filename == str(file):
             function.__code__ = codes[function.__code__.co_name, function.__code__.co_firstlineno]
             function.__globals__.update(names)
-
-
-def tests_of(file: Path) -> set[str]:
-    """The test file that uses a module's names most often, and the one that those of its neighbours above it do."""
-    above = [p.stem for p in file.parent.glob("*.py") if f"from .{file.stem} import" in p.read_text()]
-    found = set()
-    for stems in ([file.stem], above):
-        modules = {f"radalt.core.{file.parent.name}.{stem}" for stem in stems}
-        uses = {
-            test: sum(len(re.findall(rf"\b{name}\b", text)) for module, name in imports if module in modules)
-            for test, (text, imports) in _imports().items()
-        }
-        found |= {max(uses, key=uses.get)} if any(uses.values()) else set()
-    return found
-
-
-@functools.cache
-def _imports() -> dict[str, tuple[str, list[tuple[str, str]]]]:
-    """Text of every test file, and what it imports from where."""
-    texts = {f"tests/{p.name}": p.read_text() for p in sorted((ROOT / "tests").glob("test_*.py"))}
-    return {
-        test: (
-            text,
-            [
-                (n.module, a.name)
-                for n in ast.walk(ast.parse(text))
-                if isinstance(n, ast.ImportFrom)
-                for a in n.names
-            ],
-        )
-        for test, text in texts.items()
-    }
 
 
 def forked(before: Callable[[], None], *arguments: str, plugin: object = None) -> tuple[int, str]:
@@ -171,12 +152,12 @@ def calls_of(files: Iterable[Path], tests: Iterable[str]) -> dict[tuple[str, int
     return out
 
 
-def killer(tests: list[str], tree: ast.Module, file: Path) -> str | None:
-    """The first of a mutant's tests that fails, empty if none does; None if they have no end."""
+def killer(tests: list[str], change: Callable[[], None]) -> str | None:
+    """The first of these tests that fails after a change, empty if none does; None if they have no end."""
 
     def mutant() -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (int(CPU_S), int(CPU_S)))
-        put(tree, file)
+        change()
 
     status, said = forked(mutant, "-x", *tests)
     found = re.findall(r"^(?:FAILED|ERROR) (tests/.*?)(?: - .*)?$", said, re.MULTILINE)
@@ -189,16 +170,53 @@ def sound(test: str) -> bool:
     return not forked(lambda: None, test)[0]
 
 
+def noticed(tests: list[str], change: Callable[[], None]) -> str | None:
+    """`killer`, but of tests that fail for no other reason."""
+    found = killer(tests, change) if tests else ""
+    return None if found and not sound(found) else found
+
+
+def constants(file: Path, files: list[Path], calls: dict[tuple[str, int], list[str]]) -> None:
+    """Print what notices a change of each number at the top of a module."""
+    trees = {f: ast.parse(f.read_text()) for f in files}
+    targets = [t for n in trees[file].body if isinstance(n, ast.Assign) for t in ast.walk(n.targets[0])]
+    for name in (t.id for t in targets if isinstance(t, ast.Name)):
+        value = getattr(module_of(file), name)
+        if type(value) not in (int, float):
+            continue
+        users = {file} | {
+            f for f in files if getattr(module_of(f), name, None) is value and name in f.read_text()
+        }
+        functions = [(f, n) for f in users for n in ast.walk(trees[f]) if isinstance(n, ast.FunctionDef)]
+        using = [
+            (f.stem, n.lineno) for f, n in functions if any(getattr(x, "id", "") == name for x in ast.walk(n))
+        ]
+        tests = list(dict.fromkeys(test for function in using for test in calls[function]))
+
+        def change(factor: float, name: str = name, value: float = value, users: set[Path] = users) -> None:
+            for user in users:
+                setattr(module_of(user), name, type(value)(value * factor))
+
+        found = [noticed(tests, functools.partial(change, factor)) for factor in FACTORS]
+        cells = ("no end" if f is None else f.rpartition("::")[2] or "-" for f in found)
+        print(f"{file.stem}.{name} = {value:g} ({len(tests)} tests): {' | '.join(cells)}", flush=True)
+
+
+def module_of(file: Path) -> ModuleType | None:
+    """The imported module of a file of the package."""
+    return sys.modules.get(".".join(file.relative_to(ROOT / "python").with_suffix("").parts))
+
+
 def main() -> None:
     """Mutate until the time is over; prints every mutant, and how many of each module were killed."""
-    files = [f for folder in ("receiver", "channel", "radio") for f in sorted((CORE / folder).glob("*.py"))]
+    rooms = ("receiver", "channel", "radio", "mitigation")
+    files = [f for room in rooms for f in sorted((CORE / room).rglob("*.py"))]
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("modules", nargs="*", metavar="MODULE[:LINE]", help="all without")
-    parser.add_argument(
-        "--tests", nargs="+", metavar="FILE", help="these alone, in place of each module's own"
-    )
+    parser.add_argument("--tests", nargs="+", metavar="FILE", default=TESTS, help="default: %(default)s")
+    parser.add_argument("--constants", action="store_true", help="change the constants of whole modules")
     args = parser.parse_args()
     wanted = set(args.modules)
     if unknown := {name.partition(":")[0] for name in wanted} - {f.stem for f in files}:
@@ -212,9 +230,14 @@ def main() -> None:
     random.Random(SEED).shuffle(todo)
     end = time.monotonic() + LIMIT_S
     os.chdir(ROOT)
-    tests = args.tests or sorted({name for f, _ in todo for name in tests_of(f)})
-    pytest.main(["-qq", "--collect-only", *tests])
-    calls = calls_of({f for f, _ in todo}, tests)
+    pytest.main(["-qq", "--collect-only", *args.tests])
+    if args.constants:
+        files = [f for f in files if module_of(f)]
+        calls = calls_of(files, args.tests)
+        for file in (f for f in files if f.stem in wanted):
+            constants(file, files, calls)
+        return
+    calls = calls_of({f for f, _ in todo}, args.tests)
     killed, survived = Counter(), Counter()
     for file, number in todo:
         if time.monotonic() > end:
@@ -224,9 +247,7 @@ def main() -> None:
         where = f"{file.name}:{node.lineno}: {ast.unparse(node)}"
         mutate(node)
         mine = calls[file.stem, function]
-        found = killer(mine, tree, file) if mine else ""
-        if found and not sound(found):
-            found = None
+        found = noticed(mine, functools.partial(put, tree, file))
         said = "no end  " if found is None else "killed  " if found else "SURVIVED"
         print(said, where[:120], found or f"{len(mine)} tests", flush=True)
         killed[file.name] += bool(found)

@@ -1,4 +1,4 @@
-"""Write the model cards from the files' own metadata and the published rows of `evaluate.py` and `evaluate_sweeps.py`.
+"""Write the model cards from the files' own metadata, the stored rows of the bench and published ones.
 
     PYTHONPATH=python .venv/bin/python training/cards.py          # after new rows in docs/data
     PYTHONPATH=python .venv/bin/python training/cards.py --time   # times the networks, on an idle machine
@@ -19,22 +19,21 @@ from typing import Any
 
 import numpy as np
 import onnxruntime
-from evaluate import COLUMNS
-from evaluate_report import break_points, curves
-from evaluate_sweeps import COLUMNS as SWEEP_COLUMNS
-from evaluate_sweeps import alone_table
-from paper_tables import COLUMNS as PAPER_COLUMNS
 
+from radalt.bench.board import stored_rows
+from radalt.bench.paired import curves, held
+from radalt.bench.rows import read_rows
 from radalt.core.mitigation import create
 from radalt.core.mitigation.tcae import ANY
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import options
-from radalt.evaluation.results.rows import Columns
+from radalt.evaluation.results.break_point import break_point_of
+from radalt.evaluation.results.proportion import clopper_pearson_bound
 from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import metres, table
 
 ROOT = Path(__file__).resolve().parent.parent
-METHOD = {"tcae": "compact", "any_sweep": "", "paper": "paper", "cnn": "", "fc": "fc"}
+STEMS = ("tcae", "any_sweep", "paper", "cnn", "fc")
 TITLE = {
     "tcae": "`compact`, the default network of the method `tcae`",
     "any_sweep": "`any_sweep`, what the method `tcae` runs at every sweep but the one of `tcae.onnx`",
@@ -91,7 +90,6 @@ RECIPE = {
         "overfits. Weights are stored as int8 with one scale a row and widened when the file is loaded."
     ),
 }
-SHOWN = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "nr10")  # a card has five rows, its page all
 LIMITS = {
     "tcae": (
         "Frames of 7500 samples aligned with a centred 7.5 MHz sweep at 7.5 MS/s, returns at 0-1500 m and up to "
@@ -99,7 +97,7 @@ LIMITS = {
         "evenly and has no constant envelope: there it is as good as no mitigation. The modulus stage lives "
         "from an interferer of constant envelope; a fractional sample delay, a channel or another interferer on top "
         "spoil that, and the break-point then moves up to that of the other stages (row "
-        "`qpsk_rectangular_delayed`). Only the beat band is put out: what lies outside is removed, interference or not."
+        "`qpsk_received`). Only the beat band is put out: what lies outside is removed, interference or not."
     ),
     "any_sweep": (
         "Sweeps of 1 to 56 MHz, 0.2 to 10 ms and 2 to 56 MS/s, frames aligned with the sweep, returns at 0-1500 m. "
@@ -143,70 +141,71 @@ def metadata(path: Path) -> dict[str, str]:
     return dict(session.get_modelmeta().custom_metadata_map)
 
 
-def published(path: Path, columns: Columns) -> list[dict[str, Any]]:
-    """Rows of a published CSV."""
+def published(path: Path) -> list[dict[str, Any]]:
+    """Rows of a published CSV; what is no number stays text, an empty field is None."""
+
+    def value(text: str) -> Any:
+        try:
+            return float(text) if text else None
+        except ValueError:
+            return text
+
     with path.open(newline="") as file:
-        return [columns.row({k: v or None for k, v in row.items()}) for row in csv.DictReader(file)]
+        return [{key: value(text) for key, text in row.items()} for row in csv.DictReader(file)]
 
 
-def results(rows: list[dict[str, Any]], method: str) -> str:
-    """Results in the clean scene and at SINR -15 dB; break-points and wrong altitudes of every case."""
-    mine = [r for r in rows if r["method"] == method]
-    labels = {"clean": "clean scene", "qpsk_rectangular_sinr_-15": "rectangular QPSK, SINR -15 dB"}
-    out = [
-        f"- {labels[r['interferer']]}: Pd {r['pd']:.3f}, forced RMSE {metres(r['rmse_forced_m'])} m "
-        f"({r['trials']} frames)"
-        for r in mine
-        if r["interferer"] in labels
-    ]
-    breaks, lines = break_points(rows), []
-    for (name, rho), levels in curves(mine).items():
-        if name not in SHOWN or rho < 1.0:
+def standard_results() -> str:
+    """Break-points at full overlap and wrong altitudes of the default network, from the stored rows."""
+    lines = []
+    for (case, overlap), by in curves(read_rows(stored_rows("standard"))).items():
+        if overlap < 1.0:
             continue
-        scores = pool(levels[method])
-        found = breaks[name, rho]
+        scores = pool(by["tcae"])
         wrong = f"{scores.wrong / scores.trials:.4f} ({scores.wrong_bound:.3f})"
-        lines.append([name, f"{rho:g}", str(found["none"]), str(found[method]), wrong])
-    header = [
-        "interferer",
-        "overlap",
-        "break-point of none / dB",
-        "of this / dB",
-        "wrong and valid (95 % bound)",
-    ]
+        breaks = (str(break_point_of(by[name])) for name in ("none", "tcae"))
+        lines.append([case, *breaks, f"{held(by['none']):.1f}", f"{held(by['tcae']):.1f}", wrong])
+    head = ["interferer, full overlap", "break-point of none / dB", "of this", "held by none / dB", "by this"]
     return (
-        "Point returns at SNR 10 dB, 7.5 MHz in 1 ms, held-out seeds (`training/evaluate.py`; all methods in\n"
-        "`docs/tcae_comparison.md`). Wrong and valid: share of frames declared and 5 m off or more, over all SIRs "
-        "measured; emitters have typical EVM.\n\n" + "\n".join(out) + "\n\n" + table(header, lines)
+        "Point returns at SNR 10 dB, 7.5 MHz in 1 ms, emitters with typical EVM that go on, frames that nothing was\n"
+        "developed on: `radalt bench standard --methods none,tcae` (rows in `bench/rows`). Wrong and valid: share of\n"
+        "frames declared and 5 m off or more, over all SIRs measured.\n\n"
+        + table([*head, "wrong and valid (95 % bound)"], lines)
     )
 
 
-def paper_results(rows: list[dict[str, Any]]) -> str:
-    """Results of `cnn` without interference, under QPSK and tones, and on the landing, with those of none."""
+def paper_results(rows: list[dict[str, Any]], method: str) -> str:
+    """Results of one of the paper's networks without interference, under QPSK and tones, with those of none."""
     shown = {
         ("clean clean", 0.0): "none",
         ("sinr qpsk_rectangular", 0.0): "rectangular QPSK, full overlap, SINR 0 dB",
         ("sinr qpsk_rectangular", -15.0): "rectangular QPSK, full overlap, SINR -15 dB",
         ("sir tones", -20.0): "tones, full overlap, SIR -20 dB",
-        ("landing clean", 0.0): "none, on the landing",
     }
     lines = []
     for case, label in shown.items():
         whole = [r for r in rows if (r["interferer"], r["level_db"]) == case and r["overlap"] in (0.0, 1.0)]
-        none, mine = (next(r for r in whole if r["method"] == method) for method in ("none", "cnn"))
+        none, mine = (next(r for r in whole if r["method"] == name) for name in ("none", method))
         cells = [f"{r['pd']:.2f} / {metres(r['rmse_forced_m'])}" for r in (none, mine)]
-        lines.append([label, *cells, f"{mine['detections'] - mine['correct']} of {mine['trials']}"])
+        lines.append([label, *cells, f"{mine['detections'] - mine['correct']:g} of {mine['trials']:g}"])
     head = ["interference", "none: Pd / RMSE forced / m", "this", "wrong and valid"]
-    return f"Point returns at SNR 10 dB, ideal emitters (`training/paper_tables.py`).\n\n{table(head, lines)}"
+    return (
+        "Point returns at SNR 10 dB, ideal emitters, measured with 0.3.0 (today: `radalt bench paper`).\n\n"
+        f"{table(head, lines)}"
+    )
 
 
 def other_sweeps(rows: list[dict[str, Any]]) -> str:
-    """Where the break-points are, and the altitudes declared without a return, at its own sweep and at others."""
+    """Altitudes declared without a return, at a sweep of 3 MHz in 2 ms."""
+    names, lines = list(dict.fromkeys(row["method"] for row in rows)), []
+    for what in ("noise alone", "interference alone"):
+        mine = {r["method"]: r for r in rows if (r["sweep"], r["interferer"]) == ("3M", what)}
+        counts = ((int(mine[name]["declared"]), int(mine[name]["trials"])) for name in names)
+        lines.append([what, *(f"{n} of {of} ({clopper_pearson_bound(n, of):.3f})" for n, of in counts)])
     return (
-        "Point returns at SNR 10 dB, held-out seeds (`training/evaluate_sweeps.py`). `docs/sweeps.md` has the\n"
-        "break-points at six sweeps, and how often the altitude was wrong and valid. Declared altitudes where there\n"
-        "is no return, with their 95 % bound, at one of the narrow sweeps:\n\n"
-        f"{alone_table([r for r in rows if r['sweep'] == '3M'])}"
+        "Point returns at SNR 10 dB, held-out seeds, measured with 0.3.0 (today: `radalt bench sweeps`).\n"
+        "`docs/sweeps.md` has the break-points at six sweeps, and how often the altitude was wrong and valid.\n"
+        "Declared altitudes where there is no return, with their 95 % bound, at 3 MHz in 2 ms:\n\n"
+        f"{table(['frames', *names], lines)}"
     )
 
 
@@ -280,12 +279,12 @@ altitude has consequences.
 
 
 def results_of(stem: str, data: Path) -> str:
-    """Results of a card from the published rows in ``data``."""
+    """Results of a card from stored rows and the published ones in ``data``."""
+    if stem == "tcae":
+        return standard_results()
     if stem == "any_sweep":
-        return other_sweeps(published(data / "sweeps.csv", SWEEP_COLUMNS))
-    if stem == "cnn":
-        return paper_results(published(data / "paper_tables.csv", PAPER_COLUMNS))
-    return results(published(data / "tcae_comparison.csv", COLUMNS), METHOD[stem])
+        return other_sweeps(published(data / "sweeps.csv"))
+    return paper_results(published(data / "paper_tables.csv"), stem)
 
 
 @options.command("cards")
@@ -297,9 +296,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--models", type=options.path, default=ROOT / "models", help="folder of the networks and their cards")
     add("--time", action="store_true", help="time the networks")
     args = parser.parse_args(argv)
-    stems = [stem for stem in METHOD if (args.models / f"{stem}.onnx").is_file()]
+    stems = [stem for stem in STEMS if (args.models / f"{stem}.onnx").is_file()]
     if not stems:
-        parser.error(f"--models {args.models} holds none of {', '.join(METHOD)}.onnx; name another folder")
+        parser.error(f"--models {args.models} holds none of {', '.join(STEMS)}.onnx; name another folder")
     for stem in stems:
         model, page = args.models / f"{stem}.onnx", args.models / f"{stem}.md"
         anew = args.time or not page.is_file()

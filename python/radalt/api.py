@@ -281,7 +281,8 @@ def evaluate(
         bar, workers = Bar(describe_rows, quiet=not progress), jobs if jobs > 1 else 0
         try:
             if out is None:
-                content = build_report(head_of(study), study, *in_memory(study, workers, bar))
+                rows, facts = in_memory(study, workers, bar)
+                content = build_report(head_of(study), chosen, rows, facts, left_out=study.left_out())
                 return Report(None, json.loads(json.dumps(plain_json(content))))
             run(study, Options(out=Path(out), resume=resume, jobs=workers), bar)
         except KeyboardInterrupt:

@@ -7,9 +7,10 @@ from ..core.mitigation import METHODS
 from ..core.parsing import InputError
 from ..core.paths import share_dir
 from ..evaluation.results.proportion import clopper_pearson_bound
+from ..evaluation.results.rows import unbits
 from ..evaluation.results.table import table
-from .paired import curves, held_db, paired
-from .rows import Row, read_rows, unbits
+from .paired import curves, held, paired
+from .rows import Row, read_rows
 
 _UNLIKE = 0.01  # largest share of frames that ``none`` may judge unlike the stored rows: last bits of other machines
 _LIVE_FFTS = (
@@ -80,15 +81,14 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
             raise InputError(
                 f"{where[0]}: one level of {name} gives no decibels held; give the grid two or more"
             )
-        step_db = curve[0]["sir_db"] - curve[1]["sir_db"]
-        shipped = {entry: _held(rows, step_db) for entry, rows in theirs[where].items() if entry in METHODS}
+        shipped = {entry: held(rows) for entry, rows in theirs[where].items() if entry in METHODS}
         best = max(shipped, key=lambda entry: shipped[entry])
         gain, over_none = paired(curve, theirs[where][best]), paired(curve, theirs[where]["none"])
         ahead, behind = ahead + (gain[1] > 0), behind + (gain[2] < 0)
         wrong += sum(row["detections"] - row["correct"] for row in curve)
         trials += sum(row["trials"] for row in curve)
         cells = [
-            f"{_held(curve, step_db):.1f}",
+            f"{held(curve):.1f}",
             f"{best} {shipped[best]:.1f}",
             _interval(gain),
             _interval(over_none),
@@ -104,12 +104,6 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
     )
     names = ["case, overlap", "held / dB", "best shipped", "over it / dB (95 %)", "over none / dB (95 %)"]
     return f"{head}\n\n{table(names, lines)}"
-
-
-def _held(curve: Sequence[Row], step_db: float) -> float:
-    import numpy as np
-
-    return float(held_db(curve, np.arange(curve[0]["trials"])[None], step_db)[0])
 
 
 def _interval(gain: tuple[float, float, float]) -> str:

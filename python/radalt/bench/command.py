@@ -26,7 +26,7 @@ def _arguments(parser: Parser) -> None:
         "--methods",
         dest="entries",
         default="",
-        help="shipped methods and names of yours, with commas (default: none, and yours)",
+        help="shipped methods, entries of the list and yours, with commas (default: the list's; none, and yours)",
     )
     add_own(parser)
     add("--cases", default="", help="these cases alone, with commas")
@@ -58,21 +58,27 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     if args.plan:
         for case in cases.cases:
             levels = case.levels_db
-            span = (
-                "no interference"
-                if levels[0] is None
-                else f"{levels[0]:g} to {levels[-1]:g} dB, {len(levels)} levels"
-            )
+            span = "no interference"
+            if levels[0] is not None:
+                name = case.grid.axis.removesuffix("_db").upper()
+                span = f"{name} {levels[0]:g} dB"
+                if len(levels) > 1:
+                    span = f"{name} {levels[0]:g} to {levels[-1]:g} dB, {len(levels)} levels"
             print(
                 f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
             )
         return 0
-    names = [name.strip() for name in args.entries.split(",") if name.strip()] or ["none", *own]
+    listed = {name: Entry.of(name, keys, f"{args.list}: entries") for name, keys in cases.entries.items()}
+    if own and set(own) & set(listed):
+        parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
+    names = [name.strip() for name in args.entries.split(",") if name.strip()]
+    names = names or (["none", *own] if own or not listed else list(listed))
     if args.confirm:
         names = list(dict.fromkeys(["none", *names, *CONFIRM]))
-    unknown = [name for name in names if name not in METHODS and name not in own]
+    known = list(dict.fromkeys([*METHODS, *listed, *own]))
+    unknown = [name for name in names if name not in known]
     if unknown:
-        parser.error(f"--methods names {unknown[0]!r}; there are {', '.join([*METHODS, *own])}")
+        parser.error(f"--methods names {unknown[0]!r}; there are {', '.join(known)}")
     args.own = tuple(own)
     if own and not args.confirm:  # before anything is measured
         from .board import stored_rows
@@ -83,7 +89,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
             parser.error(
                 f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
             )
-    entries = tuple(Entry(name, name, tuple(own.get(name, {}).items())) for name in names)
+    entries = tuple(listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items())) for name in names)
     return BenchStudy(find_list(args.list), entries, args.frames, only, salt)
 
 
@@ -107,9 +113,13 @@ def _salt(name: str, own: dict[str, dict[str, str]]) -> str:
 
 def _describe(rows: Sequence[dict[str, Any]]) -> str:
     """A measured case in a line."""
+    from .paired import level_db
+
     names = list(dict.fromkeys(row["entry"] for row in rows))
     last = {name: next(r for r in reversed(rows) if r["entry"] == name) for name in names}
-    found = ", ".join(f"{name} {row['pd']:.2f} at {row['sir_db']:g}" for name, row in last.items())
+    if "pd" not in rows[0]:
+        return ", ".join(f"{name} {row['ffts']:.0f} FFTs" for name, row in last.items())
+    found = ", ".join(f"{name} {row['pd']:.2f} at {level_db(row):g}" for name, row in last.items())
     return f"{rows[0]['case']}, overlap {rows[0]['overlap']:g}: {found}"
 
 

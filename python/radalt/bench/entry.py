@@ -1,39 +1,87 @@
 """One chain from frames to altitudes: reset rule, method, altimeter, and what both cost."""
 
+import dataclasses
 import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import fft
 
-from ..core.mitigation import METHODS, Mitigation, create, method_class
-from ..core.receiver.altimeter import shared_altimeter
+from ..core.mitigation import METHODS, Mitigation, create, name_method
+from ..core.parsing import InputError, build, shown
+from ..core.paths import model_path
+from ..core.receiver.altimeter import AltimeterSettings
+from ..core.scene import Scene
+from ..core.waveform import Waveform
+from ..evaluation.simulation import MethodPath
 from .frames import Frames
+from .textbook import textbook_results
 
 _TIMED = 8  # frames whose cost is taken, one per call
+_KEYS = ("method", "options", "altimeter", "detector")
+_Pairs = tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A method, its options under the name that rows have for it."""
+    """A method under the name that rows have for it.
+
+    Attributes
+    ----------
+    name, method : str
+    options : pairs
+        Of the method.
+    altimeter : pairs
+        Settings of the altimeter that differ from the case's.
+    detector : str
+        ``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty.
+    """
 
     name: str
     method: str
-    options: tuple[tuple[str, Any], ...] = ()
+    options: _Pairs = ()
+    altimeter: _Pairs = ()
+    detector: str = ""
 
-    def build(self, frames: Frames) -> Mitigation | None:
-        """The method as the scene of the frames needs it; None for ``none``."""
-        if self.method == METHODS["none"].name:
-            return None
-        options = dict(frames.scene.method_options.get(self.method) or {}) | dict(self.options)
-        return create(
-            self.method,
-            frames.scene.waveform,
-            max_altitude_m=frames.scene.altimeter_settings.max_altitude_m,
-            independent=frames.scene.independent_frames,
-            **options,
-        )
+    @classmethod
+    def of(cls, name: str, keys: Mapping[str, Any], where: str) -> "Entry":
+        """An entry of a list; a model is a file, or the name of a shipped one. Raises InputError, one line."""
+        unknown = [key for key in keys if key not in _KEYS]
+        if unknown:
+            raise InputError(f"{where}.{name}: unknown key {shown(unknown[0])}; allowed: {', '.join(_KEYS)}")
+        method = str(keys.get("method", name))
+        if method not in METHODS:
+            raise InputError(f"{where}.{name}: no method {shown(method)}; there are {', '.join(METHODS)}")
+        if keys.get("detector", "") not in ("", "textbook"):
+            raise InputError(f"{where}.{name}.detector is {shown(keys['detector'])}; allowed: textbook")
+        options, altimeter = (dict(keys.get(key) or {}) for key in ("options", "altimeter"))
+        try:
+            build(AltimeterSettings, altimeter, f"{where}.{name}.altimeter")
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        model = options.get("model")
+        if model is not None and not Path(model).is_file():
+            options["model"] = str(model_path(str(model)))
+        pairs = (tuple(options.items()), tuple(altimeter.items()))
+        return cls(name, method, *pairs, str(keys.get("detector", "")))
+
+    def register(self) -> None:
+        """Make a name of the user's own known to this process; a worker has not seen it."""
+        if "method" in dict(self.options):
+            name_method(self.method, dict(self.options)["method"])
+
+    def build(self, waveform: Waveform) -> Mitigation:
+        """The method alone; raises `MitigationError` where it does not fit."""
+        self.register()
+        return create(self.method, waveform, **dict(self.options))
+
+    def path(self, scene: Scene) -> MethodPath:
+        """Method and altimeter as a scene needs them."""
+        settings = dataclasses.replace(scene.altimeter_settings, **dict(self.altimeter))
+        return MethodPath(scene, self.method, dict(self.options), settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,26 +99,28 @@ def run(entry: Entry, frames: Frames) -> Outcome:
 
     The cost is CPU time of method and altimeter for frames one at a time, over an FFT of the frame in the same thread.
     """
-    waveform, settings = frames.scene.waveform, frames.scene.altimeter_settings
-    method, altimeter = entry.build(frames), shared_altimeter(waveform, settings)
-    cleaned = frames.samples
-    if method is not None:
-        cleaned, batch = np.empty_like(frames.samples), method_class(entry.method).batch
-        for first in range(0, len(cleaned), batch):
-            part = slice(first, first + batch)
-            method.process_into(frames.samples[part], cleaned[part], frames.quality[part])
-    spectra = altimeter.spectra(cleaned, frames.quality)
-    results = altimeter.detect(spectra, timing_offset_s=frames.offset_s, frame_index=frames.index)[
-        frames.trial
-    ]
-    diverged = 0 if method is None else method.diverged_frames
-    spent, unit = [], []
-    for frame in frames.samples[frames.trial][-_TIMED:]:
+    path = entry.path(frames.scene)
+    quality = None if "max_altitude_m" in dict(entry.altimeter) else frames.quality  # of the case's span
+    if entry.detector:
+        cleaned, settings = path.clean(frames.samples, quality), path.altimeter.settings
+        results = textbook_results(cleaned, frames.scene.waveform, settings, frames.offset_s, frames.index)
+    else:
+        path.take(frames.samples, quality, frames.index, frames.offset_s)
+        results = path.results()
+    diverged = 0 if path.method is None else path.method.diverged_frames
+    some = (
+        frames.samples[frames.trial][-_TIMED:] if not entry.detector else ()
+    )  # a reference has no cost to compare
+    ms, unit = np.median(list(costs(path, some)) or [(np.nan, 1.0)], axis=0)
+    return Outcome(results[frames.trial], diverged, float(ms), float(ms / unit))
+
+
+def costs(path: MethodPath, frames: np.ndarray) -> Iterator[tuple[float, float]]:
+    """CPU milliseconds of method and altimeter for each frame, called one at a time, and of an FFT of it."""
+    for frame in frames:
         begin = time.thread_time_ns()
-        altimeter.process(frame[None] if method is None else method.process(frame[None]))
-        spent.append(time.thread_time_ns() - begin)
-        begin = time.thread_time_ns()
+        path.altimeter.process(frame[None] if path.method is None else path.method.process(frame[None]))
+        middle = time.thread_time_ns()
         fft.fft(frame)
-        unit.append(time.thread_time_ns() - begin)
-    ms = 1e-6 * float(np.median(spent))
-    return Outcome(results, diverged, ms, 1e6 * ms / max(float(np.median(unit)), 1.0))
+        end = time.thread_time_ns()
+        yield 1e-6 * (middle - begin), 1e-6 * max(end - middle, 1)

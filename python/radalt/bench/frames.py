@@ -27,7 +27,7 @@ class Frames:
         Timing that the segmenter found.
     trial : (n,) bool
     truth_m : (trials,) float
-        Altitudes of the trials.
+        Altitudes of the trials; infinite without a return, where none is right.
     lost : int
         Trials that the segmenter did not give.
     """
@@ -43,9 +43,9 @@ class Frames:
 
 
 @lru_cache(maxsize=2)  # the entries of a level take the same frames, 60 KB each
-def frames_of(case: Case, sir_db: float | None) -> Frames:
+def frames_of(case: Case, level_db: float | None) -> Frames:
     """Frames of a case at a level, in order. Raises RuntimeError where the timing is not acquired."""
-    scene = case.at(sir_db)
+    scene = case.at(level_db)
     programme = scene.altitude.programme
     kept = [frame for part in segmented(scene, segmenter_of(scene)) for frame in part]
     index = np.array([frame.index for frame in kept], dtype=int)
@@ -58,10 +58,16 @@ def frames_of(case: Case, sir_db: float | None) -> Frames:
     return Frames(
         scene=scene,
         samples=samples,
-        quality=FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(samples),
         index=index,
         offset_s=np.array([frame.offset_s for frame in kept]),
         trial=trial,
-        truth_m=np.asarray(programme.altitude_m(index[trial])),
+        quality=FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(samples),
+        truth_m=_truth_m(scene, index[trial]),
         lost=programme.trial_frames - int(np.count_nonzero(trial)),
     )
+
+
+def _truth_m(scene: Scene, index: np.ndarray) -> np.ndarray:
+    if scene.return_model == "none":
+        return np.full(index.size, np.inf)
+    return np.asarray(scene.altitude.programme.altitude_m(index))

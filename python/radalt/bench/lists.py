@@ -2,54 +2,82 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.parsing import build, load_yaml, plain, shown
+from ..core.parsing import build, load_yaml, plain, shown, whole
 from ..core.paths import share_dir
 from ..core.scene import Scene, parse_scene
 
-_LIST_KEYS = ("list", "title", "seed", "base", "grid", "overlap", "cases")
-_CASE_KEYS = ("title", "overlap", "grid", "limit_m")
+_LIST_KEYS = ("list", "title", "seed", "base", "grid", "overlap", "entries", "turns", "cases", "extends")
+_AXES = ("sir_db", "sinr_db", "inr_db", "snr_db")  # of a grid, one of them
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Levels of a case from high to low, and when an entry is not run further.
+    """Levels of a case from high to low on one axis, and when an entry is not run further.
 
     Parameters
     ----------
-    sir_db : tuple of float or str
-        Levels in decibels, or ``first:last:step``, such as ``0:-62.5:-2.5``.
+    sir_db, sinr_db, inr_db, snr_db : tuple of float or str
+        Levels in decibels, or ``first:last:step``, such as ``0:-62.5:-2.5``: of the return over the interference, or
+        over interference and noise, of the interference over the noise, of the return over the noise. Default:
+        ``sir_db`` as in the example.
     stop_below_pd : float
-        Pd below which a level counts as failed, 0..1.
+        Pd below which a level counts as failed, 0..1; 0 runs every level.
     stop_after : int
         Failed levels in a row after which an entry is not run at lower ones.
     """
 
-    sir_db: tuple[float, ...] | str = "0:-62.5:-2.5"
+    sir_db: tuple[float, ...] | str | None = None
+    sinr_db: tuple[float, ...] | str | None = None
+    inr_db: tuple[float, ...] | str | None = None
+    snr_db: tuple[float, ...] | str | None = None
     stop_below_pd: float = 0.3
     stop_after: int = 2
 
     @property
+    def axis(self) -> str:
+        """Name of the axis; raises ValueError where there are two."""
+        given = [name for name in _AXES if getattr(self, name) is not None] or ["sir_db"]
+        if len(given) > 1:
+            raise ValueError(f"grid has {' and '.join(given)}; give one of them")
+        return given[0]
+
+    @property
     def levels_db(self) -> tuple[float, ...]:
         """Levels in decibels, highest first; raises ValueError, one line."""
-        if not isinstance(self.sir_db, str):
-            return tuple(sorted(self.sir_db, reverse=True))
+        levels = getattr(self, self.axis) or "0:-62.5:-2.5"
+        if not isinstance(levels, str):
+            return tuple(sorted(levels, reverse=True))
         try:
-            first, last, step = (float(part) for part in self.sir_db.split(":"))
+            first, last, step = (float(part) for part in levels.split(":"))
             count = int(np.floor((last - first) / step + 1e-9)) + 1
             if not (step < 0 < count <= 1000):
                 raise ValueError
         except (ValueError, ZeroDivisionError):
             raise ValueError(
-                f"grid.sir_db is {shown(self.sir_db)}; give levels, or first:last:step with a falling step"
+                f"grid.{self.axis} is {shown(levels)}; give levels, or first:last:step with a falling step"
             ) from None
         return tuple((first + step * np.arange(count)).tolist())
+
+    def powers_db(self, level_db: float, snr_db: float | None) -> dict[str, float]:
+        """SIR or SNR of a level, as `Scene.at` takes them; raises ValueError, one line, where there is none."""
+        if self.axis in ("sir_db", "snr_db"):
+            return {self.axis: level_db}
+        if snr_db is None:
+            raise ValueError(f"grid.{self.axis} needs a noise: give channel.snr_db")
+        if self.axis == "inr_db":
+            return {"sir_db": snr_db - level_db}
+        rest = 10.0 ** (-level_db / 10.0) - 10.0 ** (-snr_db / 10.0)
+        if rest <= 0:
+            raise ValueError(f"grid.sinr_db {level_db:g} is not below channel.snr_db {snr_db:g}; lower it")
+        return {"sir_db": -10.0 * math.log10(rest)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,26 +104,32 @@ class Case:
 
     @property
     def levels_db(self) -> tuple[float | None, ...]:
-        """SIR levels, highest first; (None,) without interference."""
-        return self.grid.levels_db if self.scene.interference else (None,)
+        """Levels on the grid's axis, highest first; (None,) without interference, unless the axis is the SNR."""
+        return self.grid.levels_db if self.scene.interference or self.grid.axis == "snr_db" else (None,)
 
     @property
     def trials(self) -> int:
         """Frames of a level."""
         return self.scene.altitude.programme.trial_frames
 
-    def at(self, sir_db: float | None) -> Scene:
+    def at(self, level_db: float | None) -> Scene:
         """The scene of one level: returns are the same at all, noise and interference are not."""
-        return self.scene.at(sir_db=sir_db, overlap=self.overlap, seed=seed_of(self.scene.seed, sir_db))
+        powers = {} if level_db is None else self.grid.powers_db(level_db, self.scene.channel.snr_db)
+        return self.scene.at(**powers, overlap=self.overlap, seed=seed_of(self.scene.seed, level_db))
 
 
 @dataclass(frozen=True, eq=False)
 class CaseList:
-    """A list with the digest of its parsed content, by which rows are compared."""
+    """A list with the digest of its parsed content, by which rows are compared.
+
+    ``entries`` are those that it is run with unless others are named, ``turns`` how often all are timed in turn.
+    """
 
     name: str
     title: str
     digest: str
+    entries: Mapping[str, Mapping[str, Any]] = field(repr=False)
+    turns: int
     cases: tuple[Case, ...] = field(repr=False)
 
 
@@ -139,8 +173,7 @@ def load_list(
         One line: file, case, key, value and what is allowed.
     """
     path = find_list(name)
-    data = load_yaml(path, what="list")
-    _check_keys(data, _LIST_KEYS, path.name)
+    data = _extended(path)
     if not isinstance(data.get("cases"), dict) or not data["cases"]:
         raise ValueError(
             f"{path.name}: cases is {shown(data.get('cases'))}; give a mapping of at least one case"
@@ -153,19 +186,65 @@ def load_list(
     for case, own in data["cases"].items():
         if only and case not in only:
             continue
-        cases += _cases(data, case, own, f"{path.name}: {case}", frames, salt)
-    return CaseList(str(data.get("list", path.stem)), str(data.get("title", "")), digest, tuple(cases))
+        where = f"{path.name}: {case}"
+        cases += _cases(data, case, _like(data["cases"], own, where), where, frames, salt)
+    entries = data.get("entries", {})
+    if isinstance(entries, list):  # names of methods
+        entries = {entry: {} for entry in entries}
+    if not (isinstance(entries, dict) and all(isinstance(v or {}, dict) for v in entries.values())):
+        raise ValueError(
+            f"{path.name}: entries is {shown(entries)}; give names of methods, or name: {{method: ...}}"
+        )
+    turns = whole(data.get("turns", 0), f"{path.name}: turns", 0, 10_000)
+    entries = {str(name): dict(keys or {}) for name, keys in entries.items()}
+    return CaseList(
+        str(data.get("list", path.stem)), str(data.get("title", "")), digest, entries, turns, tuple(cases)
+    )
+
+
+def _extended(path: Path) -> dict[str, Any]:
+    """Content of a list, and of the one whose base, grid and overlap it takes where it has none."""
+    data = load_yaml(path, what="list")
+    _check_keys(data, _LIST_KEYS, path.name)
+    if "extends" not in data:
+        return data
+    beside = path.with_name(f"{data['extends']}.yaml")
+    other = _extended(beside if beside.is_file() else find_list(str(data["extends"])))
+    taken = {key: other[key] for key in ("grid", "overlap") if key in other}
+    own = {key: value for key, value in data.items() if key != "extends"}
+    return taken | own | {"base": _merged(other.get("base", {}), own.get("base", {}))}
+
+
+def _like(cases: dict[str, Any], own: Any, where: str, depth: int = 0) -> dict[str, Any]:
+    """Keys of a case over those of the case that it is ``like``: interferers of the same kind are changed, too."""
+    if not isinstance(own, dict):
+        raise ValueError(f"{where} is {shown(own)}; expected a mapping of scene keys")
+    if "like" not in own:
+        return dict(own)
+    name = own["like"]
+    if name not in cases or depth > len(cases):
+        raise ValueError(
+            f"{where}: like is {shown(name)}; give another case of the list, there are {', '.join(cases)}"
+        )
+    other = _like(cases, cases[name], where, depth + 1)
+    out = _merged(
+        {k: v for k, v in other.items() if k != "title"}, {k: v for k, v in own.items() if k != "like"}
+    )
+    was, now = other.get("interference"), own.get("interference")
+    if isinstance(was, dict) and isinstance(now, dict):
+        out["interference"] = {kind: _merged(was.get(kind, {}), keys) for kind, keys in now.items()}
+    return out
 
 
 def _cases(
     data: dict[str, Any], name: str, own: Any, where: str, frames: int | None, salt: str
 ) -> list[Case]:
     """A case at each of its overlaps."""
-    if not isinstance(own, dict):
-        raise ValueError(f"{where} is {shown(own)}; expected a mapping of scene keys")
-    own = dict(own)
     try:
-        grid = build(Grid, data.get("grid", {}) | (own.pop("grid", None) or {}), "grid")
+        shared, mine = data.get("grid", {}), own.pop("grid", None) or {}
+        if any(axis in mine for axis in _AXES):  # a case of its own axis
+            shared = {key: value for key, value in shared.items() if key not in _AXES}
+        grid = build(Grid, shared | mine, "grid")
         grid.levels_db  # noqa: B018 - checks them
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
@@ -179,14 +258,26 @@ def _cases(
             else seed_of(data.get("seed", 1), name, overlap)
         )
         mapping = _merged(data.get("base", {}), own) | {"name": f"{name}_{overlap:g}", "seed": seed}
-        drawn = dict(mapping.get("altitude", {}).get("drawn", {})) | {"seed": seed}
-        if frames is not None:
-            drawn["frames"] = frames
-        mapping["altitude"] = dict(mapping.get("altitude", {})) | {"drawn": drawn}
+        mapping["altitude"] = _altitude(mapping, frames, seed)
         scene = parse_scene(mapping, source=where)
         limit = limit_m or max(5.0, scene.waveform.range_resolution_m / 4)
-        out.append(Case(name, title, float(overlap), scene.at(overlap=overlap), grid, float(limit)))
+        case = Case(name, title, float(overlap), scene.at(overlap=overlap), grid, float(limit))
+        try:
+            case.at(case.levels_db[0])  # the level that a grid can get wrong
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from None
+        out.append(case)
     return out
+
+
+def _altitude(mapping: dict[str, Any], frames: int | None, seed: int) -> dict[str, Any]:
+    """Altitudes of a case: drawn, or along its landing."""
+    altitude = dict(mapping.get("altitude", {}))
+    if "landing" in mapping:
+        altitude.pop("drawn", None)
+        return altitude | {"frames": 1} | ({} if frames is None else {"landing_frames": frames})
+    drawn = dict(altitude.get("drawn", {})) | {"seed": seed}
+    return altitude | {"drawn": drawn | ({} if frames is None else {"frames": frames})}
 
 
 def _check_keys(data: Any, allowed: Sequence[str], where: str) -> None:
@@ -197,7 +288,7 @@ def _check_keys(data: Any, allowed: Sequence[str], where: str) -> None:
         raise ValueError(f"{where}: unknown key {shown(unknown[0])}; allowed: {', '.join(allowed)}")
 
 
-def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+def _merged(base: Any, own: Any) -> dict[str, Any]:
     """Keys of a case over those of the list, section by section; interference is replaced as a whole."""
     out = {key: plain(value) for key, value in base.items()}
     for key, value in own.items():

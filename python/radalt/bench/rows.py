@@ -13,7 +13,7 @@ from .entry import Entry, Outcome
 from .frames import Frames
 from .lists import Case
 
-WHERE = ("list", "digest", "case", "overlap", "sir_db", "entry")
+WHERE = ("list", "digest", "case", "overlap", "sir_db", "snr_db", "entry")
 COLUMNS = Columns(
     (*WHERE, *SCORE_COLUMNS, "limit_m", "right", "declared", "diverged", "seed", "ms", "ffts"),
     text=frozenset({"list", "digest", "case", "entry", "right", "declared"}),
@@ -25,14 +25,18 @@ COLUMNS = Columns(
 Row = dict[str, Any]
 
 
-def row_of(
-    names: tuple[str, str], case: Case, sir_db: float | None, entry: Entry, frames: Frames, out: Outcome
-) -> Row:
-    """The row of an entry at a level; ``names`` are the list's name and digest."""
+def row_of(names: tuple[str, str], case: Case, entry: Entry, frames: Frames, out: Outcome) -> Row:
+    """The row of an entry at a level; ``names`` are the list's name and digest.
+
+    ``sir_db`` is empty without interference; without a return, levels are those of one of unit power.
+    """
     results = out.results
     right = results["valid"] & (np.abs(results["altitude_m"] - frames.truth_m) < case.limit_m)
     found = score_frames(results, frames.truth_m, lost=frames.lost, limit_m=case.limit_m)
-    where = dict(zip(WHERE, (*names, case.name, case.overlap, sir_db, entry.name), strict=True))
+    scene = frames.scene
+    sir_db = scene.sir_db if scene.interference else None
+    level = (case.name, case.overlap, sir_db, scene.channel.snr_db, entry.name)
+    where = dict(zip(WHERE, (*names, *level), strict=True))
     return COLUMNS.row(
         where
         | found.row()

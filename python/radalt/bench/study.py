@@ -1,17 +1,18 @@
 """The study of a list: entries on every case, levels from high to low, on the engine of all studies."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..core.mitigation import METHODS, method_class, name_method
+from ..core.mitigation import METHODS, method_class
 from ..evaluation.engine.study import Point, Study
 from ..evaluation.results.rows import Columns
 from .entry import Entry, run
 from .frames import frames_of
 from .lists import Case, CaseList, load_list
 from .rows import COLUMNS, row_of
+from .turns import TURN_COLUMNS, turn_rows
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class BenchStudy(Study):
     frames: int | None = None
     only: tuple[str, ...] = ()
     salt: str = ""
-    tables: ClassVar[dict[str, Columns]] = {"rows": COLUMNS}
+    tables: ClassVar[dict[str, Columns]] = {"rows": COLUMNS, "turns": TURN_COLUMNS}
     _list: CaseList = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -47,42 +48,50 @@ class BenchStudy(Study):
         waveform = self._list.cases[0].scene.waveform
         entries = {}
         for entry in self.entries:
-            options = dict(entry.options)
-            if "method" in options:
-                name_method(entry.method, options["method"])
-            from ..core.mitigation import create
-
-            status = create(entry.method, waveform, **options).status()
-            entries[entry.name] = {"method": entry.method, "sha256": status.get("sha256", "")}
+            status = entry.build(waveform).status()
+            about = {k: v for k, v in entry.options if k not in ("model", "file", "method")}
+            about |= dict(entry.altimeter) | ({"detector": entry.detector} if entry.detector else {})
+            entries[entry.name] = {"method": entry.method, "sha256": status.get("sha256", "")} | about
         return {"list": self._list.name, "digest": self._list.digest, "entries": entries}
 
     def points(self) -> list[BenchPoint]:
         """See `Study.points`: a point per case and overlap, since an entry stops after levels that failed."""
-        return [
+        points = [
             BenchPoint(
                 f"{case.name}, overlap {case.overlap:g}", case.trials * len(case.levels_db), "rows", number
             )
             for number, case in enumerate(self._list.cases)
         ]
+        if self._list.turns:
+            points.append(BenchPoint("cost by turns", self._list.turns * 8 * len(points), "turns"))
+        return points
 
     def measure(self, point: Point) -> list[dict[str, Any]]:
         """See `Study.measure`."""
         assert isinstance(point, BenchPoint)
-        for entry in self.entries:  # a worker has not seen the names of the user's own
-            if "method" in dict(entry.options):
-                name_method(entry.method, dict(entry.options)["method"])
+        for entry in self.entries:
+            entry.register()
+        if point.table == "turns":
+            cases = ((case, case.levels_db[len(case.levels_db) // 2]) for case in self._list.cases)
+            frames = [(case, frames_of(case, level_db)) for case, level_db in cases]
+            return list(turn_rows(self.entries, frames, self._list.turns))
         return list(self._rows(self._list.cases[point.number]))
+
+    @property
+    def max_jobs(self) -> int | None:  # type: ignore[override]
+        """See `Study.max_jobs`: a list with turns is measured in one process."""
+        return 1 if self._list.turns else None
 
     def _rows(self, case: Case) -> Iterator[dict[str, Any]]:
         failed = dict.fromkeys(self.entries, 0)
-        for sir_db in case.levels_db:
+        for level_db in case.levels_db:
             running = [entry for entry, count in failed.items() if count < case.grid.stop_after]
             if not running:
                 return
-            frames = frames_of(case, sir_db)
+            frames = frames_of(case, level_db)
             for entry in running:
                 names = self._list.name, self._list.digest
-                row = row_of(names, case, sir_db, entry, frames, run(entry, frames))
+                row = row_of(names, case, entry, frames, run(entry, frames))
                 failed[entry] = failed[entry] + 1 if row["pd"] < case.grid.stop_below_pd else 0
                 yield row
 
@@ -94,7 +103,12 @@ class BenchStudy(Study):
     def with_files(self, files: Any) -> "BenchStudy":
         """See `Study.with_files`."""
         entries = tuple(
-            Entry(e.name, e.method, tuple((k, str(files.get(f"{e.name}.{k}", v))) for k, v in e.options))
+            replace(
+                e,
+                options=tuple(
+                    (k, str(files[key]) if (key := f"{e.name}.{k}") in files else v) for k, v in e.options
+                ),
+            )
             for e in self.entries
         )
         return BenchStudy(files["list"], entries, self.frames, self.only, self.salt)

@@ -17,7 +17,7 @@ _CONTAINERS = {
     "compressed": rb"\x1f\x8b|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd|fLaC",
     "text": rb"(\xef\xbb\xbf)?[\t\r\n -~]{64}|[\t\r\n -~]+\Z",
 }
-_REMEDY = "save the samples as .npy, two-channel WAV or SigMF"
+_REMEDY = "save the samples as .npy (give rate_hz), two-channel WAV, or raw (give rate_hz and datatype)"
 _PART = 1 << 16  # bytes by which a file is judged
 _FLOATS = 1e-20, 1e15  # what receivers write lies within it, and four of ten 32-bit patterns
 

@@ -21,6 +21,12 @@ from ..core.paths import share_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
+# commands until 0.3.0, and what measures the same now
+_MOVED = {
+    "cancellation": "radalt bench evm",
+    "detection": "radalt bench detection, and radalt bench null without a return",
+    "error-vs-runtime": "radalt bench runtime",
+}
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name == "env":
         print(_environment())
         return 0
+    if name in _MOVED:
+        return moved(name)
     if name not in programs():
         from ..core.parsing.messages import allowed  # NumPy comes with it
 
@@ -93,6 +101,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.argv = [f"radalt {name}", *words[1:]]
     status: int = program.main(words[1:])
     return status
+
+
+def moved(name: str) -> int:
+    """Say which command has taken the place of a former one; returns 2."""
+    print(f"radalt: {name} is a list of the bench: {_MOVED[name]}", file=sys.stderr)
+    return 2
 
 
 def summaries() -> dict[str, str]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core.mitigation import METHODS, Mitigation, create, method_class
-from ..core.receiver.altimeter import shared_altimeter
+from ..core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
 from ..core.receiver.frame_quality import FrameQuality
 from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
@@ -87,40 +87,63 @@ def found_latency(scene: Scene) -> float:
     return float("nan")
 
 
-class _Path:
-    """One method and its altimeter."""
+class MethodPath:
+    """One method and its altimeter: the chain from frames to altitudes, in runs without a flowgraph and in the bench.
 
-    def __init__(self, scene: Scene, method: str) -> None:
-        self._altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
-        self._method: Mitigation | None = None
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+        Name in the registry.
+    options : mapping
+        Of the method, over the scene's.
+    settings : AltimeterSettings or None
+        None takes the scene's.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        method: str,
+        options: Mapping[str, Any] | None = None,
+        settings: AltimeterSettings | None = None,
+    ) -> None:
+        settings = settings or scene.altimeter_settings
+        self.altimeter = shared_altimeter(scene.waveform, settings)
+        self.method: Mitigation | None = None
         if method != METHODS["none"].name:
-            options = dict(scene.method_options.get(method) or {})
-            options["max_altitude_m"] = scene.altimeter_settings.max_altitude_m
-            options["independent"] = scene.independent_frames
-            self._method = create(method, scene.waveform, **options)
+            given = dict(scene.method_options.get(method) or {}) | dict(options or {})
+            given["max_altitude_m"] = settings.max_altitude_m
+            given["independent"] = scene.independent_frames
+            self.method = create(method, scene.waveform, **given)
         self._batch = method_class(method).batch
         self._milliseconds: list[float] = []
         self._results: list[np.ndarray] = []
         self.name = method
 
-    def take(self, frames: np.ndarray, quality: np.ndarray, index: np.ndarray, offset_s: np.ndarray) -> None:
-        """Process and measure (n, N) frames of a known quality."""
-        cleaned = frames
-        if self._method is not None:
-            cleaned = np.empty_like(frames)
-            for first in range(0, len(frames), self._batch):
-                span = slice(first, first + self._batch)
-                begin = time.thread_time_ns()
-                self._method.process_into(frames[span], cleaned[span], quality[span])
-                count = len(frames[span])
-                self._milliseconds += [(time.thread_time_ns() - begin) * 1e-6 / count] * count
-        spectra = self._altimeter.spectra(cleaned, quality)
-        self._results.append(self._altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index))
+    def clean(self, frames: np.ndarray, quality: np.ndarray | None) -> np.ndarray:
+        """(n, N) frames behind the method, in batches of its own size; ``quality`` is what the received ones hold."""
+        if self.method is None:
+            return frames
+        cleaned = np.empty_like(frames)
+        for first in range(0, len(frames), self._batch):
+            span = slice(first, first + self._batch)
+            begin = time.thread_time_ns()
+            self.method.process_into(frames[span], cleaned[span], None if quality is None else quality[span])
+            count = len(frames[span])
+            self._milliseconds += [(time.thread_time_ns() - begin) * 1e-6 / count] * count
+        return cleaned
+
+    def take(
+        self, frames: np.ndarray, quality: np.ndarray | None, index: np.ndarray, offset_s: np.ndarray
+    ) -> None:
+        """Process and measure (n, N) frames."""
+        spectra = self.altimeter.spectra(self.clean(frames, quality), quality)
+        self._results.append(self.altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index))
 
     def results(self) -> np.ndarray:
         """Results of all frames so far."""
-        none = np.empty((0, self._altimeter.waveform.samples_per_frame), dtype=np.complex64)
-        return np.concatenate(self._results) if self._results else self._altimeter.process(none)
+        return np.concatenate([np.empty(0, dtype=RESULT_DTYPE), *self._results])
 
     def milliseconds(self) -> np.ndarray:
         """CPU time of the method per frame."""
@@ -128,13 +151,13 @@ class _Path:
 
     def status(self) -> dict[str, Any]:
         """Counters and state of the method."""
-        return {"method": self.name} if self._method is None else self._method.status()
+        return {"method": self.name} if self.method is None else self.method.status()
 
 
 def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
     """Results of a scene at one point of its sweep, as `flowgraph.run.run_point`, without GNU Radio."""
     begin = time.perf_counter()
-    paths = [_Path(scene, method) for method in methods]
+    paths = [MethodPath(scene, method) for method in methods]
     segmenter = segmenter_of(scene)
     examine = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)
     with _one_blas_thread():

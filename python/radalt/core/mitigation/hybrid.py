@@ -62,7 +62,7 @@ class Hybrid(Mitigation):
     """
 
     name = "hybrid"
-    style = PlotStyle("#EE3377", "X", (0, (8, 1)))
+    style = PlotStyle("#4411EE", "X", (0, (8, 1)))
     batch = 1  # the network's last bits depend on the batch
     runs_network = True
 

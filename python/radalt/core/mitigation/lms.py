@@ -53,7 +53,7 @@ class BlockLms(Mitigation):
 
     name = "lms"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
-    batch = 16  # frames share the calls per block
+    batch = 64  # frames share the calls per block
     # parameter of `Altimeter.confirms`; 1 is the paper's setting, without a test against noise
     _confirmed_pfa = 1.0
 
@@ -105,13 +105,13 @@ class BlockLms(Mitigation):
 
     @property
     def _remembers(self) -> bool:
-        return not self.restart
+        return not (self.restart or self.independent)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         reference = self.waveform.reference[None]
         # frames that start from zero weights are independent: one pass over the blocks adapts all of them
-        step = len(batch) if self.restart else 1
+        step = 1 if self._remembers else len(batch)
         for first in range(0, len(batch), step):
             frames, cleaned = batch[first : first + step], out[first : first + step]
             if self.wiring == "reference_desired":
@@ -129,7 +129,7 @@ class BlockLms(Mitigation):
         past, count, samples = self.length - 1, *out.shape
         line = np.zeros((len(source), past + samples), dtype=np.complex64)
         weights = np.zeros((count, self.length), dtype=np.complex64)
-        if not self.restart:
+        if self._remembers:
             line[:, :past], weights[:] = self._past, self.weights
         line[:, past:] = source
         adapt = self._adapt_one if count == 1 else self._adapt

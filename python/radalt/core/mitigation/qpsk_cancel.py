@@ -16,8 +16,8 @@ from .qpsk.tracking import Tracker, can_track
 from .qpsk.zero_order_hold import cancel_zero_order_hold
 
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
-# FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one detection
-# in the frame and three trials of symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds
+# FFTs of 7,500 points that steps cost, as measured. A search has at most one detection in the frame and three trials of
+# symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds
 _TRACKING, _TONES, _DETECTION, _HOLD, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 25.0, 32.0, 50.0
 
 

@@ -18,7 +18,7 @@ from .base import peak_scale
 from .interference_detector import InterferenceDetector
 
 _SHIFT_CELLS = 5.0  # shift, resolution cells; 3, 5 and 8 find the same
-_WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
+_WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (bench/sweeps.yaml, 3 MHz)
 _SLOW_M_PER_S = 10.0  # vertical speed that almost no frame of a flight exceeds
 # so low a threshold that whatever is declared later is checked here
 _PFA = 20.0 * AltimeterSettings.pfa_per_frame

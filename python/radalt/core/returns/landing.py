@@ -44,10 +44,8 @@ class TrajectorySpec:
         Longest gap between two rows that is interpolated.
     max_speed_m_per_s, max_vertical_speed_m_per_s : float
         Largest speed over ground, and vertical speed, from row to row.
-    start_s : float or None
-        Start of the flight, in the file's time; None: the first row.
-    end_s : float or None
-        End of the flight, in the file's time; None: the last row.
+    start_s, end_s : float or None
+        Part of the flight in use, in the file's time; None: to its end.
     """
 
     file: str = "approach_kord_10c.csv"

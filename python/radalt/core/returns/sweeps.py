@@ -22,13 +22,19 @@ class SentSweeps:
         Altitude by sweep index.
     synthetic : bool
         False transmits the plain sweep: the channel simulates true delays.
+    silent : bool
+        True transmits nothing in trials: frames without a return, whose timing is that of the preamble.
     """
 
-    def __init__(self, waveform: Waveform, sent: SentAltitudes, *, synthetic: bool = True) -> None:
-        self.waveform, self.sent, self.synthetic = waveform, sent, synthetic
+    def __init__(
+        self, waveform: Waveform, sent: SentAltitudes, *, synthetic: bool = True, silent: bool = False
+    ) -> None:
+        self.waveform, self.sent, self.synthetic, self.silent = waveform, sent, synthetic, silent
 
     def sweep(self, index: int) -> np.ndarray:
         """(N,) complex64 sweep number ``index``; not to be written into."""
+        if self.silent and self.sent.programme.is_trial(index):
+            return np.zeros(self.waveform.samples_per_frame, dtype=np.complex64)
         phase = self.sent.programme.phase_cycles(index)
         if phase is not None and not self.sent.by_hand:
             altitude_m, speed = self.sent.at(index)

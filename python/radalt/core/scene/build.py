@@ -13,7 +13,10 @@ from .scene import Scene
 def sweeps_of(scene: Scene) -> SentSweeps:
     """Transmitted sweeps of the radar."""
     synthetic = scene.altitude.mode == "synthetic"
-    return SentSweeps(scene.waveform, SentAltitudes(scene.altitude.programme), synthetic=synthetic)
+    silent = scene.return_model == "none"
+    return SentSweeps(
+        scene.waveform, SentAltitudes(scene.altitude.programme), synthetic=synthetic, silent=silent
+    )
 
 
 def jammer_of(scene: Scene) -> JammerStream:

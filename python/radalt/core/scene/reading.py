@@ -142,7 +142,7 @@ def _interferer(item: Any, where: str) -> Interferer:
 
 
 def scene_from_parameters(
-    name: str | Path,
+    name: Scene | str | Path,
     overlap: float | str | None = None,
     sir_db: float | str | None = None,
     seed: int | str | None = None,
@@ -169,11 +169,11 @@ def scene_from_parameters(
         raise SceneError(
             f"sir_db is {sir_db}; it has to be within -{_MOST_SIR_DB:g}..{_MOST_SIR_DB:g}, or scene for the scene's own"
         )
-    scene = load_scene(name)
+    scene = name if isinstance(name, Scene) else load_scene(name)
     try:
         return scene.at(**changes)
     except ValueError as error:
-        raise SceneError(one_line(f"{name}: {error}")) from None
+        raise SceneError(one_line(f"{getattr(name, 'name', name)}: {error}")) from None
 
 
 def scene_to_mapping(scene: Scene) -> dict[str, Any]:

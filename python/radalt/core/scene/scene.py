@@ -36,7 +36,8 @@ class Scene:
     landing : LandingSpec or None
         An approach over terrain; it gives the altitudes, unless ``altitude.programme_m`` does.
     return_model : str
-        Key ``return`` in a file: ``point``, or ``terrain`` for the extended ground return of the landing.
+        Key ``return`` in a file: ``point``, ``terrain`` for the extended ground return of the landing, or ``none``:
+        the radar is silent in trials, and every declared altitude is false.
     methods : tuple of str
         Mitigation methods that are compared on the same frames.
     method_options : dict
@@ -72,8 +73,10 @@ class Scene:
         top = self.altimeter_settings.max_altitude_m
         assert top is not None  # resolved
         highest = max(self.altitude.programme.altitudes_m)
-        if self.return_model not in ("point", "terrain"):
-            raise ValueError(f"return is {self.return_model!r}; allowed: point, terrain")
+        if self.return_model not in ("point", "terrain", "none"):
+            raise ValueError(f"return is {self.return_model!r}; allowed: point, terrain, none")
+        if self.return_model == "none" and self.altitude.mode != "synthetic":
+            raise ValueError("return: none needs altitude.mode: synthetic; the source is silent in trials")
         if self.return_model == "terrain" and (self.landing is None or self.altitude.frames != 1):
             raise ValueError(
                 f"return: terrain needs a landing and altitude.frames 1 (it is {self.altitude.frames}): every "

@@ -4,6 +4,7 @@ This module does not import NumPy, so that an unsuitable Python gets one line as
 """
 
 import argparse
+import atexit
 import contextlib
 import functools
 import os
@@ -105,19 +106,12 @@ def terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-@contextlib.contextmanager
-def a_home() -> Iterator[None]:
+def find_home() -> None:
     """Set HOME for a user without one (``nobody``, a container): GNU Radio and its compiler write there at start."""
-    home = os.path.expanduser("~")
-    if os.access(home, os.W_OK | os.X_OK):
-        yield
-        return
-    with tempfile.TemporaryDirectory(prefix="radalt_home_", ignore_cleanup_errors=True) as folder:
-        os.environ["HOME"] = folder
-        try:
-            yield
-        finally:
-            os.environ["HOME"] = home
+    if not os.access(os.path.expanduser("~"), os.W_OK | os.X_OK):
+        folder = tempfile.TemporaryDirectory(prefix="radalt_home_", ignore_cleanup_errors=True)
+        atexit.register(folder.cleanup)
+        os.environ["HOME"] = folder.name
 
 
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
@@ -135,7 +129,8 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
                 if hasattr(stream, "reconfigure"):  # characters outside the terminal's encoding are no error
                     stream.reconfigure(errors="backslashreplace")
             try:
-                with terminable(), a_home():
+                find_home()
+                with terminable():
                     status = main(*args, **options)
                     print(end="", flush=True)
                     return status

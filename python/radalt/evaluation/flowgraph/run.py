@@ -1,9 +1,7 @@
 """Runs a generated flowgraph for a scene to its end and collects its results."""
 
 import importlib.util
-import os
 import sys
-import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...blocks._guard import in_turns, raise_stored
-from ...core.scene import Scene, scene_to_mapping
+from ...core.scene import Scene
 from ..simulation import PointResult
 from .generate import Prepared
 from .rewrite import CHANNEL
@@ -32,14 +30,6 @@ def load_class(prepared: Prepared) -> type:
         finally:
             sys.path.remove(str(prepared.module.parent))
     return getattr(sys.modules[key], name)
-
-
-def write_scene(scene: Scene, path: Path) -> Path:
-    """Write a scene as a YAML file from which `load_scene` gives an equal scene."""
-    import yaml
-
-    path.write_text(yaml.safe_dump(scene_to_mapping(scene), sort_keys=False), encoding="utf-8")
-    return path
 
 
 def run_point(
@@ -103,11 +93,7 @@ def finish_recorder(top: Any, block: Any) -> None:
 
 def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:
     """The top block of a generated flowgraph for a scene, not yet started; ``parameters`` are the flowgraph's."""
-    path = prepared.module.parent / f"scene_{os.getpid()}_{threading.get_native_id()}.yaml"
-    try:
-        return load_class(prepared)(scene_file=str(write_scene(scene, path)), **parameters)
-    finally:
-        path.unlink()
+    return load_class(prepared)(scene_file=scene, **parameters)
 
 
 def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:

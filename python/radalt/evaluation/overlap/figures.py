@@ -76,7 +76,7 @@ def draw_pd(
         axis.set_ylim(-0.04, 1.04)
 
     measured = [row for row in rows if row["trials"]]
-    note = f"{spread(measured)} trials per point, bars: 95 % Wilson intervals; series set side by side at each value"
+    note = f"{spread(measured)} trials per point, bars: 95 % Wilson intervals"
     return _draw(rows, path, against, f"{title}\n{note}", _PD_LABEL, _pd, _pd_words, dress)
 
 
@@ -131,13 +131,12 @@ def draw_pd_by_altitude(rows: Sequence[Row], path: Path | None, *, title: str) -
                 row | {"altitude_m": 0.5 * (row["altitude_low_m"] + row["altitude_high_m"])}
                 for _, row in sorted(pooled.items())
             ]
-            # side by side on a logarithmic axis
-            x = _values(of, "altitude_m") * 1.02 ** (k - (len(series) - 1) / 2)
+            x = _values(of, "altitude_m")
             tips = _tips(of, name, "altitude_m", _pd_words)
-            _plot(axis, x, *_pd(of), k, series_style(name, series), tips)
+            _plot(axis, x, *_pd(of), (k, len(series)), series_style(name, series), tips)
         axis.set_title(heading, fontsize=10)
         axis.set_ylim(-0.04, 1.04)
-    note = f"all overlaps above 0 together{left_out}; bars: 95 % Wilson intervals; series set side by side"
+    note = f"all overlaps above 0 together{left_out}; bars: 95 % Wilson intervals"
     return _finish(figure, axes, path, f"{title}\n{note}", _PD_LABEL)
 
 
@@ -163,7 +162,7 @@ def draw_error_cdf(rows: Sequence[Row], path: Path | None, *, title: str) -> Any
             ]
             share = _values(of, "count") / max(whole["trials"], 1)
             tips = _tips(of, name, "error_m", _share_words)
-            _plot(axis, np.array(ERRORS_M), share, None, k, series_style(name, series), tips)
+            _plot(axis, np.array(ERRORS_M), share, None, (k, len(series)), series_style(name, series), tips)
         axis.set_title(heading, fontsize=10)
         axis.set_xscale("log")
         axis.set_ylim(-0.04, 1.04)
@@ -185,20 +184,26 @@ def _draw(
     rows = [row for row in rows if row["trials"]]  # a point without a frame has no Pd
     split = panels(rows, against)
     figure, axes = _grid(len(split), against, shown=path is None)
-    series = list(series_of(rows))
+    series, values = list(series_of(rows)), {row[against] for row in rows}
     for axis, (heading, mine) in zip(axes, split, strict=True):
         dress(axis, mine)
         by_series = series_of(mine)
         for k, name in enumerate(series):
             of = sorted(by_series.get(name, ()), key=lambda row: row[against])
-            x = _values(of, against) + _dodge(mine, against, k, len(series))
-            x = np.clip(x, 0.0, 1.0) if against == "overlap" else x
+            # of one value, the methods are the axis
+            x = np.full(len(of), float(k)) if len(values) == 1 else _values(of, against)
             tips = _tips(of, name, against, words)
-            _plot(axis, x, *curve(of), k, series_style(name, series), tips)
+            _plot(axis, x, *curve(of), (k, len(series)), series_style(name, series), tips)
         axis.set_title(heading, fontsize=10)
-    values = {row[against] for row in rows}
     if len(values) == 1:
-        axes[0].set_xticks(list(values))  # of all panels; numbers between would be those of the shifts
+        (one,) = values
+        axes[0].set_xticks(range(len(series)), series)  # of all panels
+        for axis in axes:
+            axis.tick_params(axis="x", labelrotation=40, labelsize=7)
+            if axis.get_xlabel():
+                axis.set_xlabel(f"methods, at {_AXES[against].name} {one:g}{_AXES[against].unit}", fontsize=9)
+    elif against == "sir_db":
+        axes[0].invert_xaxis()  # of all panels: interference grows to the right
     return _finish(figure, axes, path, title, label)
 
 
@@ -251,24 +256,21 @@ def _number(value: float | None) -> float:
 # -- drawing -------------------------------------------------------------------------------------------------
 
 
-def _dodge(rows: Sequence[Row], against: str, k: int, count: int) -> float:
-    """Horizontal shift of one series, so that bars and markers of equal Pd are side by side."""
-    values = sorted({r[against] for r in rows})
-    spacing = min(np.diff(values), default=0.1)
-    return (k - (count - 1) / 2) * min(0.7 * spacing, 0.1 * (values[-1] - values[0]) or 0.1) / max(count, 2)
-
-
 def _plot(
     axis: Any,
     x: np.ndarray,
     y: np.ndarray,
     bars: np.ndarray | None,
-    k: int,
+    place: tuple[int, int],
     style: dict[str, Any],
     tips: Sequence[str],
 ) -> None:
-    """Draw series ``k`` with its bars and tooltips."""
-    size = 6.5 if style["marker"] == "*" else 4.2
+    """Draw a series with its bars and tooltips; ``place`` is its number and how many there are.
+
+    Markers get smaller from series to series, so that those of equal values show within each other.
+    """
+    k, count = place
+    size = (6.0 if style["marker"] == "*" else 4.0) + 0.9 * (count - 1 - k)
     style_options = {"lw": 1.1, "elinewidth": 0.7, "capsize": 1.5, "ms": size, "markeredgewidth": 0.9}
     axis.errorbar(x, y, yerr=bars, zorder=3 + k, **style_options, **style)
     say(axis, x, y, tips)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -20,20 +20,19 @@ from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, d
 from .markdown import every_row, report_markdown
 from .panels import Row, swept_axes, with_interference
 
-if TYPE_CHECKING:
-    from .study import OverlapStudy
-
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 
 
 def write_report(
     folder: RunFolder,
-    study: "OverlapStudy",
+    scene: Scene,
     rows: Mapping[str, Sequence[Row]],
     run: Run,
+    *,
+    left_out: Sequence[str] = (),
 ) -> Path:
     """Write the result folder from its rows by table, as in `build_report`; returns the path of ``report.md``."""
-    report = build_report(folder.head, study, rows, run)
+    report = build_report(folder.head, scene, rows, run, left_out=left_out)
     text = "# the scene as used, with all defaults and what the command line changed\n"
     text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
     folder.write_text("scene.yaml", text)
@@ -83,7 +82,12 @@ def _altitudes(tables: Mapping[str, Sequence[Row]]) -> list[Row]:
 
 
 def build_report(
-    head: dict[str, Any], study: "OverlapStudy", tables: Mapping[str, Sequence[Row]], run: Run
+    head: dict[str, Any],
+    scene: Scene,
+    tables: Mapping[str, Sequence[Row]],
+    run: Run,
+    *,
+    left_out: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Content of ``report.json`` from the rows by table, in canonical order.
 
@@ -93,13 +97,13 @@ def build_report(
 
     Raises FlowgraphError, one line, if no point has a frame.
     """
-    rows, scene = tables["rows"], study.scene
-    if not any(row["trials"] for row in rows):
+    if not any(row["trials"] for row in tables["rows"]):
         raise FlowgraphError(
-            f"no frame: timing not acquired, or lost before the trials ({max(r['lock_losses'] for r in rows)} times at "
-            "most in a point); is the sweep received at altitude zero, and nothing stronger (leakage: docs/leakage.md)?"
+            "no frame: timing not acquired, or lost before the trials "
+            f"({max(r['lock_losses'] for r in tables['rows'])} times at most in a point); is the sweep received at "
+            "altitude zero, and nothing stronger (leakage: docs/leakage.md)?"
         )
-    rows = with_intervals(rows, _altitudes(tables))
+    rows = with_intervals(tables["rows"], _altitudes(tables))
     ceiling = tables.get("ceiling") or [row for row in rows if row["overlap"] == 0]
     once: dict[tuple[str, float | None], Row] = {}
     for row in ceiling:  # overlap 0 is one measurement for all panels
@@ -115,10 +119,10 @@ def build_report(
             note for i in scene.interference for note in i.emitter.notes(scene.waveform.rate_hz)
         ],
         "trials_per_point": scene.altitude.programme.trial_frames,
-        "left_out": study.left_out(),
         "rows": list(rows),
         "ceiling": list(once.values()),
         "tracked": list(tables.get("tracked", ())),
+        "left_out": list(left_out),
         "bounds": _crb_by_snr(scene, rows),
         "break_points": break_points(rows),
         "real_time_factor": float(np.median(list(factors.values()))),

@@ -17,7 +17,8 @@ from ...core.mitigation.onnx_network import network_files
 from ...core.mitigation.tcae import default_model_path
 from ...core.receiver.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
-from ..engine.study import Point, Study
+from ..engine.study import Point, Run, Study
+from ..results.folder import RunFolder
 from ..results.rows import Columns, bits
 from ..results.score import correct_trials, score
 from ..simulation import run_chain
@@ -320,6 +321,12 @@ class OverlapStudy(Study):
         ]
         first, *others = lists
         return first + [f"at overlap 0: {item}" for other in others for item in other if item not in first]
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        from .report import write_report
+
+        return write_report(folder, self.scene, rows, run, left_out=self.left_out())
 
     def files(self) -> dict[str, Path]:
         """Flowgraphs, files of the scene, models and method files."""

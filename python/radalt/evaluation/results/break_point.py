@@ -121,19 +121,6 @@ def protection_gain(base: BreakPoint, method: BreakPoint) -> Gain:
     return Gain(*_joined(base.sir_db - method.sir_db, {base.mark, _TURNED[method.mark]}))
 
 
-def mean_gain(gains: Sequence[Gain]) -> Gain:
-    """Mean of gains over several interferers; open if one is, unknown if two are open in opposite directions.
-
-    Examples
-    --------
-    >>> str(mean_gain([Gain(10.0), Gain(20.0, ">=")]))
-    '≥ 15.0'
-    >>> mean_gain([Gain(10.0, "<="), Gain(20.0, ">=")]).mark
-    '?'
-    """
-    return Gain(*_joined(float(np.mean([g.db for g in gains])), {g.mark for g in gains}))
-
-
 def _joined(db: float, marks: set[str]) -> tuple[float, str]:
     """(value, mark) of a combination of values with open ends."""
     marks = marks - {""}

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
+from ...core.receiver.frame_quality import FrameQuality
 from ...core.waveform import Waveform
 
 _CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the second-level cache
@@ -26,7 +27,7 @@ class Chain:
     precision: str = "float32"  # arithmetic precision of the method; a model's metadata override it
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
     looks: int = 1  # consecutive frames whose power spectra are averaged for one altitude
-    # whether frames are independent, so that the method is reset before each: independent frames are no stream
+    # whether the method forgets the frame before (`Mitigation.independent`): frames drawn anew are no stream
     independent: bool = False
 
     @classmethod
@@ -46,7 +47,8 @@ class Chain:
     def build(self, waveform: Waveform) -> Mitigation:
         """A new method; raises `MitigationError` if it does not fit the waveform."""
         span_m = self.settings.resolved(waveform).max_altitude_m
-        return create(self.method, waveform, max_altitude_m=span_m, **dict(self.options))
+        options = dict(self.options)
+        return create(self.method, waveform, max_altitude_m=span_m, independent=self.independent, **options)
 
     @property
     def model(self) -> Path | None:
@@ -77,24 +79,17 @@ class Chain:
         method = method_of(self, waveform)
         method.reset()
         altimeter = shared_altimeter(waveform, self.settings)
+        examine = FrameQuality(waveform, altimeter.settings.max_altitude_m)
         step = self.looks * max(1, _CHUNK // self.looks)
         parts = []
         for k in range(0, len(frames), step):
-            given = frames[k : k + step]
-            if self.independent:
-                cleaned = np.concatenate([_reset(method).process(frame[None]) for frame in given])
-            else:
-                cleaned = method.process(given)
-            spectra = altimeter.spectra(cleaned)
+            given = np.asarray(frames[k : k + step], dtype=np.complex64)
+            quality = examine(given)
+            spectra = altimeter.spectra(method.process(given, quality), quality)
             if self.looks > 1:
                 spectra = _averaged(spectra, self.looks)
             parts.append(altimeter.detect(spectra))
         return np.concatenate(parts), method
-
-
-def _reset(method: Mitigation) -> Mitigation:
-    method.reset()
-    return method
 
 
 def _averaged(spectra: Spectra, looks: int) -> Spectra:

@@ -1,7 +1,7 @@
 """95 % intervals of a binomial proportion."""
 
 import numpy as np
-from scipy.special import bdtr, betaincinv, ndtri
+from scipy.special import betaincinv, ndtri
 
 _CONFIDENCE = 0.95
 
@@ -72,16 +72,3 @@ def paired_difference(ours: np.ndarray, theirs: np.ndarray) -> tuple[float, floa
     mean, half = each.mean(), float(ndtri(0.5 + 0.5 * _CONFIDENCE)) * each.std() / np.sqrt(each.size)
     return float(mean), float(mean - half), float(mean + half)
 
-
-def mcnemar(ours_alone: int, theirs_alone: int) -> float:
-    """Exact two-sided p-value of McNemar's test for two methods on the same trials.
-
-    Arguments are the trials that only one of them has correct. Q. McNemar, Psychometrika 12, 1947.
-
-    Examples
-    --------
-    >>> mcnemar(0, 0), round(mcnemar(1, 9), 4)
-    (1.0, 0.0215)
-    """
-    few, trials = min(ours_alone, theirs_alone), ours_alone + theirs_alone
-    return min(1.0, 2.0 * float(bdtr(few, trials, 0.5))) if trials else 1.0

@@ -1,4 +1,4 @@
-"""The landing study: altitude error of every method over an approach, and error against SINR.
+"""The landing study: altitude error of every method over an approach, and under other assumptions.
 
     .venv/bin/python flowgraphs/landing_eval.py                                   # the shipped study, under 3 minutes
     .venv/bin/python flowgraphs/landing_eval.py --trajectory flight.csv --altitude-offset-m 34 --terrain n41.dt1 n42.dt1
@@ -43,7 +43,6 @@ def _arguments(parser: Parser) -> None:
     add("--sir-db", type=number(float, -200, 20), help="SIR of the approach and the sensitivity table")
     add("--methods", help="comma-separated, e.g. none,whitening,tcae")
     add("--frames", type=number(int, 0, 2_000_000), help="frames of the approach; 0 leaves it out")
-    add("--trials", type=number(int, 0, 1_000_000), help="frames per point of the curves; 0 leaves them out")
     add(
         "--sensitivity-trials",
         type=number(int, 0, 1_000_000),
@@ -83,7 +82,7 @@ def _config(args: argparse.Namespace) -> "LandingConfig":
             trajectory=trajectory,
             terrain=changed(config.terrain, files=files, void=args.void, flat_m=args.flat_m),
             approach=changed(config.approach, sir_db=args.sir_db, frames=args.frames),
-            curve=changed(config.curve, trials=args.trials, sensitivity_trials=args.sensitivity_trials),
+            sensitivity_trials=args.sensitivity_trials,
             methods=args.methods,
             seed=args.seed,
         )
@@ -95,11 +94,7 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     """A measured point in a line."""
     if "time_s" in rows[0]:
         return f"approach from {rows[0]['time_s']:.0f} to {rows[-1]['time_s']:.0f} s"
-    sinr = rows[0].get("asked_sinr_db")
-    level = "no interference" if sinr is None else f"overlap {rows[0]['overlap']:g}, SINR {sinr:g} dB"
-    return f"{rows[0].get('assumption', level)}: Pd " + ", ".join(
-        f"{r['method']} {r['pd']:.3g}" for r in rows
-    )
+    return f"{rows[0]['assumption']}: Pd " + ", ".join(f"{r['method']} {r['pd']:.3g}" for r in rows)
 
 
 SHELL = StudyCommand(

@@ -59,31 +59,13 @@ class ApproachSpec:
 
 
 @dataclass(frozen=True)
-class CurveSpec:
-    """Figure 2: error against SINR by overlap, with all points at the same instants of the flight.
-
-    ``sensitivity_trials`` is the number of frames per row of the sensitivity table; 0 leaves it out.
-    """
-
-    overlap: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
-    sinr_db: tuple[float, ...] = (-50.0, -45.0, -40.0, -35.0, -30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 0.0)
-    trials: int = 150
-    sensitivity_trials: int = 120
-
-    def __post_init__(self) -> None:
-        if any(not 0 <= rho <= 1 for rho in self.overlap):
-            raise ValueError(f"curve.overlap is {self.overlap}; overlaps have to be within 0..1")
-        if self.trials < 0 or self.sensitivity_trials < 0:
-            raise ValueError(f"curve.trials is {self.trials}; it has to be 0 or above")
-
-
-@dataclass(frozen=True)
 class LandingConfig:
     """Settings of the study.
 
     ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation. With
     ``doppler: false`` the aircraft has no velocity in any frame. The power spectra of ``looks`` consecutive frames are
-    averaged for one altitude. Relative file names are relative to ``folder``.
+    averaged for one altitude. ``sensitivity_trials`` is the number of frames per row of the sensitivity table; 0 leaves
+    it out. Relative file names are relative to ``folder``.
     """
 
     name: str = "landing"
@@ -103,12 +85,14 @@ class LandingConfig:
     point_target: bool = False
     looks: int = 1
     approach: ApproachSpec = ApproachSpec()
-    curve: CurveSpec = CurveSpec()
+    sensitivity_trials: int = 120
     folder: str = ""
 
     def __post_init__(self) -> None:
         if not self.methods:
             raise ValueError("methods is empty; name at least one, such as none")
+        if self.sensitivity_trials < 0:
+            raise ValueError(f"sensitivity_trials is {self.sensitivity_trials}; it has to be 0 or above")
         if not 1 <= self.looks <= 64:
             raise ValueError(f"looks is {self.looks}; it has to be within 1..64")
         if not 0 <= self.seed < 2**31:
@@ -160,6 +144,8 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
         One line: source, key, value, what is allowed.
     """
     try:
+        if "curve" in data:
+            raise ValueError("curve is a list of the bench now, radalt bench landing; leave it out")
         config = build(
             LandingConfig, {"folder": folder, **data}, "", {"interference": interference_from_yaml}
         )
@@ -177,10 +163,8 @@ def check_config(config: LandingConfig) -> None:
     StudyError, TerrainError, TrajectoryError
         One line about the first fault.
     """
-    if not (config.approach.frames or config.curve.trials or config.curve.sensitivity_trials):
-        raise StudyError(
-            "approach.frames, curve.trials and curve.sensitivity_trials are all 0; give one of them"
-        )
+    if not (config.approach.frames or config.sensitivity_trials):
+        raise StudyError("approach.frames and sensitivity_trials are both 0; give one of them")
     rng, samples = np.random.default_rng(0), config.waveform.samples_per_frame
     try:
         radar = config.radar()

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -24,12 +23,6 @@ def condition(row: Row) -> str:
     return "no interference" if row["overlap"] == 0 else row["method"]
 
 
-def curve_of(rows: Sequence[Row], overlap: float, method: str) -> list[Row]:
-    """One curve of figure 2, by rising nominal SINR (that of a point is limited by its SNR)."""
-    wanted = [r for r in rows if (r["overlap"], r["method"]) == (overlap, method)]
-    return sorted((r for r in wanted if r["asked_sinr_db"] is not None), key=lambda r: r["asked_sinr_db"])
-
-
 def draw_figures(
     config: LandingConfig, rows: Mapping[str, Sequence[Row]], whole: Sequence[Row], folder: Path
 ) -> list[str]:
@@ -41,8 +34,6 @@ def draw_figures(
     if rows["approach"]:
         names.append(_approach(config, rows["approach"], whole, folder))
         names.append(_range_time(config, folder))
-    if rows["curve"]:
-        names.append(_error_against_sinr(config, rows["curve"], folder))
     return names
 
 
@@ -122,38 +113,6 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     axes[0].set_ylabel("range / m")
     figure.colorbar(picture, ax=axes, label="power of both half sweeps / dB of the frame's peak")
     return _save(figure, folder, "figure_1_range_time.png")
-
-
-def _error_against_sinr(config: LandingConfig, rows: Sequence[Row], folder: Path) -> str:
-    """Error over all frames and Pd against SINR at the largest overlap; the others are in curve.csv."""
-    overlap = max(config.curve.overlap)
-    figure = new_figure(COLUMN_IN, 5.4)
-    axes = figure.subplots(2, 1, sharex=True)
-    columns = (
-        ("rmse_forced_m", "rmse_forced_low_m", "rmse_forced_high_m", "RMSE, all frames / m"),
-        ("pd", "pd_low", "pd_high", f"Pd (|error| < {CORRECT_LIMIT_M:g} m)"),
-    )
-    ceiling = next((r for r in rows if r["asked_sinr_db"] is None and r["method"] == "none"), None)
-    for axis, (value, low, high, label) in zip(axes, columns, strict=True):
-        if ceiling and ceiling[value] is not None:
-            axis.axhspan(ceiling[low], ceiling[high], color="0.7", alpha=0.5, label="no interference")
-        for method in config.methods:
-            mine = curve_of(rows, overlap, method)
-            x = [r["asked_sinr_db"] for r in mine]
-            y, bottom, top = (np.array([r[c] for r in mine], dtype=float) for c in (value, low, high))
-            style = series_style(method, config.methods)
-            axis.plot(x, y, ms=4, **style)
-            axis.fill_between(x, bottom, top, color=style["color"], alpha=0.1, lw=0)
-        axis.set_ylabel(label)
-        axis.grid(color="0.9")
-    axes[0].set_yscale("log")
-    axes[0].set_title(fill(f"{_sent(config)}, overlap {overlap:g}", 55), fontsize=9)
-    axes[1].set_xlabel("SINR / dB")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=3, fontsize=9, frameon=False, columnspacing=1.0
-    )
-    return _save(figure, folder, "figure_2_error_against_sinr.png")
 
 
 def _save(figure: Any, folder: Path, name: str) -> str:

@@ -37,40 +37,29 @@ TABLES = {
         *("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s"),
         *("valid", "reason", *MEASURED),
     ),
-    "curve": _columns("method", "overlap", "asked_sinr_db", *_STATISTICS),
     "assumptions": _columns("assumption", "method", "overlap", *_STATISTICS),
 }
-"""Tables of the result: frames of the approach; points of figure 2, without interference if they have no
-``asked_sinr_db``; rows of the sensitivity table."""
+"""Tables of the result: frames of the approach; rows of the sensitivity table."""
 
 
 @dataclasses.dataclass(frozen=True)
 class LandingPoint(Point):
-    """A part of the approach from frame ``first`` on, a level of figure 2, or an assumption, by its ``table``."""
+    """A part of the approach from frame ``first`` on, or an assumption, by its ``table``."""
 
     first: int = 0
-    overlap: float = 0.0
-    sinr_db: float | None = None
     assumption: str = ""
 
 
 def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
     """Every point, in report order."""
-    approach, curve = config.approach, config.curve
+    approach = config.approach
     points = [
         LandingPoint(f"approach/{k:05d}", min(approach.chunk, approach.frames - k), "approach", first=k)
         for k in range(0, approach.frames, approach.chunk)
     ]
-    if curve.trials:
-        points.append(LandingPoint("curve/clean", curve.trials, "curve"))
+    if config.sensitivity_trials:
         points += [
-            LandingPoint(f"curve/{rho:g}/{sinr:g}", curve.trials, "curve", overlap=rho, sinr_db=sinr)
-            for rho in curve.overlap
-            for sinr in curve.sinr_db
-        ]
-    if curve.sensitivity_trials:
-        points += [
-            LandingPoint(f"assumption/{a.name}", curve.sensitivity_trials, "assumptions", assumption=a.name)
+            LandingPoint(f"assumption/{a.name}", config.sensitivity_trials, "assumptions", assumption=a.name)
             for a in ASSUMPTIONS
         ]
     return tuple(dict.fromkeys(points))
@@ -161,13 +150,10 @@ def impaired(
     *,
     overlap: float = 0.0,
     sir_db: float | None = None,
-    sinr_db: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames with noise and interference, and the SIR and SINR they have.
 
-    Powers are averaged over the whole frame and refer to the *expected* return (mean over speckle). ``sir_db`` sets the
-    level of the interference; ``sinr_db`` sets that of interference and noise together, with overlap 0 that of the
-    noise. A SINR above the SNR is not possible: the frame keeps its SNR.
+    Powers are averaged over the whole frame and refer to the *expected* return (mean over speckle).
 
     Returns
     -------
@@ -177,13 +163,8 @@ def impaired(
     n, looks, samples = truth.frames.shape
     noise_w = 10.0 ** (-truth.snr_db / 10.0)
     jam_w = np.zeros(n)
-    jammed = bool(config.interference) and overlap > 0
-    if sir_db is not None and jammed:
+    if sir_db is not None and config.interference and overlap > 0:
         jam_w[:] = 10.0 ** (-sir_db / 10.0)
-    elif sinr_db is not None and jammed:
-        jam_w = np.maximum(10.0 ** (-sinr_db / 10.0) - noise_w, 0.0)
-    elif sinr_db is not None:
-        noise_w = np.maximum(noise_w, 10.0 ** (-sinr_db / 10.0))
     frames = truth.frames.copy()
     for k in range(n):
         noise = rng.standard_normal((looks, samples, 2), dtype=np.float32).view(np.complex64)[..., 0]
@@ -249,8 +230,7 @@ def _seed(config: LandingConfig, name: str) -> list[int]:
 
 def point_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
     """All rows of a point."""
-    rows = {"approach": _approach_rows, "curve": _curve_rows, "assumptions": _assumption_rows}[point.table]
-    return rows(config, point)
+    return (_approach_rows if point.table == "approach" else _assumption_rows)(config, point)
 
 
 def _approach_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
@@ -286,13 +266,6 @@ def _summary_rows(
         row = {"method": method, "diverged_frames": diverged} | levels
         rows.append(row | statistics(results, truth, seed))
     return rows
-
-
-def _curve_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
-    truth = trial_frames(config, point.frames)
-    level = {} if point.sinr_db is None else {"overlap": point.overlap, "sinr_db": point.sinr_db}
-    rows = _summary_rows(config, truth, _seed(config, point.name), config.methods, **level)
-    return [row | {"overlap": point.overlap, "asked_sinr_db": point.sinr_db} for row in rows]
 
 
 def assumed_methods(config: LandingConfig) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Report of the landing study: tables, the comparison with the paper, report.json and report.md."""
+"""Report of the landing study: tables, report.json and report.md."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,16 +8,14 @@ import numpy as np
 import yaml
 
 from ...core.receiver.altimeter import RESULT_DTYPE
-from ...core.receiver.cramer_rao import altitude_crb_m
 from ...evaluation.engine.study import Run
-from ...evaluation.results.break_point import BREAK_PD, break_point_of
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.score import score_frames
-from ...evaluation.results.table import DASH, interval, metres, number, signed_metres, table
+from ...evaluation.results.table import DASH, metres, number, signed_metres, table
 from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
-from .figures import condition, curve_of, draw_figures
+from .figures import condition, draw_figures
 from .points import MEASURED, accuracy
 from .study import LandingStudy
 
@@ -29,8 +27,7 @@ BANDS = (
     ("30..150 m", 30.0, 150.0),
     ("above 150 m", 150.0, np.inf),
 )
-PAPER_RMSE_M, PAPER_SINR_DB = 400.0, -15.0  # the paper: "over 400 m without mitigation" at -15 dB
-PAPER_REDUCTION = 0.85  # "reduces altitude estimation error by more than 85% compared to [...] LMS": abstract
+PAPER_RMSE_M = 400.0  # the paper: "over 400 m without mitigation" at a SINR of -15 dB
 
 
 def approach_table(rows: Sequence[Row]) -> list[Row]:
@@ -63,66 +60,6 @@ def _band(rows: Sequence[Row]) -> Row:
     }
 
 
-def clean_of(rows: Sequence[Row]) -> dict[str, Row]:
-    """The interference-free ceiling by method, from the rows of the curve."""
-    return {r["method"]: r for r in rows if r["asked_sinr_db"] is None}
-
-
-def break_points(config: LandingConfig, rows: Sequence[Row]) -> list[Row]:
-    """SINR at which Pd falls through 0.9 of the interference-free Pd without mitigation, by overlap and method.
-
-    The usual level, a Pd of 0.9, is out of reach of extended ground at 20 m resolution, interference or not.
-    """
-    clean = clean_of(rows)
-    if not clean:
-        return []
-    level = BREAK_PD * clean.get("none", next(iter(clean.values())))["pd"]
-    return [
-        {"overlap": overlap, "method": method, "pd_needed": level, **vars(found), "text": str(found)}
-        for overlap in config.curve.overlap
-        for method in config.methods
-        for curve in [curve_of(rows, overlap, method)]
-        if curve
-        for found in [break_point_of(curve, "asked_sinr_db", level=level)]
-    ]
-
-
-def comparison(config: LandingConfig, rows: Sequence[Row]) -> list[Row]:
-    """The paper's statements beside our numbers, if the curve has the paper's SINR."""
-    full = max(config.curve.overlap, default=0.0)
-    curves = {m: curve_of(rows, full, m) for m in config.methods}
-    at = {m: next((r for r in c if r["asked_sinr_db"] == PAPER_SINR_DB), None) for m, c in curves.items()}
-    where = f"at {PAPER_SINR_DB:g} dB, overlap {full:g}"
-    none, lms = at.get("none"), at.get("lms")
-    lines = []
-    if none:
-        beyond = [r["asked_sinr_db"] for r in curves["none"] if (r["rmse_forced_m"] or 0) > PAPER_RMSE_M]
-        lines += [
-            (
-                f"altitude error without mitigation {where}",
-                f"over {PAPER_RMSE_M:g} m",
-                f"{metres(none['rmse_forced_m'])} m over all frames, {metres(none['rmse_detected_m'])} m over "
-                f"detections (Pd {none['pd']:.2f})",
-            ),
-            (
-                f"where error without mitigation exceeds {PAPER_RMSE_M:g} m, overlap {full:g}",
-                f"{PAPER_SINR_DB:g} dB",
-                f"{max(beyond):g} dB and below" if beyond else "nowhere on the curve",
-            ),
-        ]
-    if lms:
-        ours = f"{metres(lms['rmse_forced_m'])} m over all frames (Pd {lms['pd']:.2f})"
-        lines.append((f"altitude error of LMS {where}", DASH, ours))
-    for method, row in at.items():
-        if lms and row and method not in ("lms", "nlms") and lms["rmse_forced_m"] and row["rmse_forced_m"]:
-            lower = 1 - row["rmse_forced_m"] / lms["rmse_forced_m"]
-            ours = f"{lower:.0%} lower ({metres(row['rmse_forced_m'])} m against {metres(lms['rmse_forced_m'])} m)"
-            lines.append(
-                (f"error of {method} against LMS {where}", f"TCAE {PAPER_REDUCTION:.0%} lower or more", ours)
-            )
-    return [dict(zip(("statement", "paper", "ours"), line, strict=True)) for line in lines]
-
-
 def sensitivity(rows: Sequence[Row]) -> list[Row]:
     """Rows of the sensitivity table, with the text of each assumption."""
     known = {a.name: {"group": a.group, "text": a.text} for a in ASSUMPTIONS}
@@ -135,8 +72,7 @@ def sensitivity(rows: Sequence[Row]) -> list[Row]:
 def _left_out(config: LandingConfig) -> list[str]:
     parts = (
         (not config.approach.frames, "approach over time (approach.frames: 0)"),
-        (not config.curve.trials, "error against SINR (curve.trials: 0)"),
-        (not config.curve.sensitivity_trials, "sensitivity table (curve.sensitivity_trials: 0)"),
+        (not config.sensitivity_trials, "sensitivity table (sensitivity_trials: 0)"),
         ("tcae" not in config.methods, "the TCAE (not among the methods): onnxruntime was not imported"),
         (not config.terrain.files, "DTED terrain (terrain.files is empty: flat earth)"),
     )
@@ -147,19 +83,13 @@ def write_report(folder: RunFolder, study: LandingStudy, rows: Mapping[str, Sequ
     """Write study.yaml, the figures, ``report.md`` and ``report.json``; returns the page."""
     text = "# the study as used, with all defaults and the changes of the command line\n"
     folder.write_text("study.yaml", text + yaml.safe_dump(folder.head["landing"], sort_keys=False))
-    config, curve = study.config, rows["curve"]
-    bounds = {f"{snr:g} dB": float(altitude_crb_m(config.waveform, snr)) for snr in (-30, -20, -10, 0, 20)}
+    config = study.config
     approach = approach_table(rows["approach"])
     whole = [e for e in approach if e["band"] == BANDS[0][0]]
     report = {
         "left_out": _left_out(config),
         "approach": approach,
-        "ceiling": list(clean_of(curve).values()),
-        "cramer_rao_point_target_m": bounds,
-        "break_points": break_points(config, curve),
-        "comparison": comparison(config, curve),
         "sensitivity": sensitivity(rows["assumptions"]),
-        "trials": sorted({r["trials"] for r in curve}),
         "figures": draw_figures(config, rows, whole, folder.path),
     }
     values = _page_values(config, report)
@@ -169,9 +99,6 @@ def write_report(folder: RunFolder, study: LandingStudy, rows: Mapping[str, Sequ
 def _page_values(config: LandingConfig, report: Row) -> Row:
     tables = {
         "approach_table": _approach_lines(report["approach"]),
-        "ceiling_table": _ceiling_lines(report["ceiling"]),
-        "break_point_table": _break_point_lines(config, report["break_points"]),
-        "comparison_table": table(("", "paper", "ours"), (r.values() for r in report["comparison"])),
         "sensitivity_table": _sensitivity_lines(report["sensitivity"]),
     }
     over = [r["text"] for r in report["sensitivity"] if r["over_400_m"] and r["method"] == "none"]
@@ -197,31 +124,6 @@ def _approach_lines(entries: Sequence[Row]) -> str:
             for r in entries
         ),
     )  # fmt: skip
-
-
-def _ceiling_lines(entries: Sequence[Row]) -> str:
-    header = ("method", "trials", "Pd (5 m)", "in accuracy band", "RMSE detections (95 %) / m", "bias / m")
-    return table(
-        header,
-        (
-            (r["method"], r["trials"], interval(r["pd"], r["pd_low"], r["pd_high"]), number(r["in_band"]),
-             _errors(r, "detected"), signed_metres(r["bias_m"]))
-            for r in entries
-        ),
-    )  # fmt: skip
-
-
-def _break_point_lines(config: LandingConfig, entries: Sequence[Row]) -> str:
-    found = {(e["overlap"], e["method"]): e for e in entries}
-
-    def cell(overlap: float, method: str) -> str:
-        e = found.get((overlap, method))
-        return f"{e['text']} ({e['low_db']:.1f} to {e['high_db']:.1f})" if e else DASH
-
-    return table(
-        ["method", *(f"overlap {o:g}" for o in config.curve.overlap)],
-        ([m, *(cell(o, m) for o in config.curve.overlap)] for m in config.methods),
-    )
 
 
 def _sensitivity_lines(entries: Sequence[Row]) -> str:

@@ -20,16 +20,14 @@ __all__ = ["LandingStudy"]
 
 @dataclass(frozen=True)
 class LandingStudy(Study):
-    """Altitudes of all methods over an approach, against SINR, and under other assumptions."""
+    """Altitudes of all methods over an approach, and under other assumptions."""
 
     config: LandingConfig
 
     tables: ClassVar[Mapping[str, Columns]] = TABLES
     published: ClassVar[Mapping[str, str]] = {
         "figure_1_approach.png": "figures/landing_approach.png",
-        "figure_2_error_against_sinr.png": "figures/landing_error_against_sinr.png",
         "approach.csv": "data/landing_approach.csv",
-        "curve.csv": "data/landing_curve.csv",
     }
 
     @property

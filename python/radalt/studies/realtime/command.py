@@ -8,9 +8,8 @@
 
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
 drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count. Cost is
-in FFTs: CPU time per frame over that of one complex64 FFT of a frame, timed in the same run. Beside the cost of each
-block stand that of its function alone in a loop, and its calls per frame; further lines have the arithmetic inside the
-functions (kernels: FFTs, random bits, elementary functions, products).
+in FFTs: CPU time per frame over that of one complex64 FFT of a frame, timed in the same run. Each block's function
+alone in a loop, and its calls per frame, are given as well.
 """
 
 import tempfile
@@ -66,7 +65,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     from ...core.scene import load_scene
     from .alone import alone_seconds
     from .gateway import gateway_seconds
-    from .kernels import kernel_seconds
     from .report import Benchmark, tables_of
     from .study import at_rate, fft_seconds, fly_benchmark, long_scene, prepare_benchmark
 
@@ -100,7 +98,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             unit_s = fft_seconds(samples)
             alone_s = alone_seconds(in_turn, scene, batch=args.batch)
             alone_s["(six blocks that copy)"] = gateway_seconds(samples)
-            alone_s |= {f"(kernels of {name})": s for name, s in kernel_seconds(scene).items()}
             # the FFT's time changes with the machine's load: timed again, and scaled to that of the run
             share = found[FREE].fft_s / (0.5 * (unit_s + fft_seconds(samples)))
             found[FREE] = replace(found[FREE], alone_s={name: share * s for name, s in alone_s.items()})

@@ -126,20 +126,13 @@ def _open(emitter: RecordingEmitter) -> SigmfFile | RawFile:
         raise ValueError(f"recording.file: {error}") from None
 
 
-def _source_hz(emitter: RecordingEmitter, source_hz: float) -> float:
-    """The file's sample rate; raises ValueError."""
-    if not _RATES_HZ[0] <= source_hz <= _RATES_HZ[1]:
-        raise ValueError(
-            f"recording.file {emitter.file} has core:sample_rate {shown(source_hz)}; 1e3..1e9 is read"
-        )
-    return source_hz
-
-
 @lru_cache(maxsize=4)
 def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
     """The part of the file in use, filtered, shifted and at the radar's rate, mean power 1; read-only."""
     recording = _open(emitter)
-    source_hz = _source_hz(emitter, recording.rate_hz)
+    source_hz = recording.rate_hz
+    if not _RATES_HZ[0] <= source_hz <= _RATES_HZ[1]:
+        raise ValueError(f"recording.file {emitter.file} has the rate {shown(source_hz)}; 1e3..1e9 is read")
     ratio = rate_ratio(rate_hz, source_hz)
     first = round(emitter.start_s * source_hz)
     count = min(round(emitter.seconds * source_hz), recording.sample_count - first)

@@ -25,8 +25,7 @@ from .return_fit import MaskedPoints, ReturnFit
 from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper, SoftSymbols
 
-# prices of the steps in FFTs of 7,500 points, of a frame of so many samples; tools/ofdm_settings.py compares them with
-# what is measured
+# prices of the steps in FFTs of 7,500 points, of a frame of so many samples, as measured
 _DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN, _FIT = (
     18.0,
     13.0,

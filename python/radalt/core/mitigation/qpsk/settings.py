@@ -7,8 +7,8 @@ from dataclasses import dataclass
 class QpskSettings:
     """Settings of the QPSK receiver; rates are in symbols per sample.
 
-    ``tools/qpsk_sensitivity.py`` runs the QPSK cases with each of them 30 % lower and 30 % higher. Values whose comment
-    names no source are in the middle of the range in which no case changes there.
+    Values whose comment names no source are in the middle of a range, 30 % lower to 30 % higher, in which no case of
+    QPSK changed.
     """
 
     # -- symbol timing

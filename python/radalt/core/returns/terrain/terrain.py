@@ -114,7 +114,11 @@ class DtedCell:
         if voids == posts.size:
             raise TerrainError(f"terrain file {path} holds {voids} voids and no elevation")
         if void == "fill" and voids:
-            posts = _fill_nearest(posts)
+            from scipy.ndimage import distance_transform_edt
+
+            posts = posts[
+                tuple(distance_transform_edt(np.isnan(posts), return_distances=False, return_indices=True))
+            ]
         return cls(
             south_deg=tile.dsi.south_west_corner.latitude,
             west_deg=tile.dsi.south_west_corner.longitude,
@@ -162,13 +166,6 @@ def _blend(a: np.ndarray, b: np.ndarray, fraction: np.ndarray) -> np.ndarray:
     if not np.isnan(mixed).any():
         return mixed
     return np.where(fraction < 1e-9, a, np.where(fraction > 1 - 1e-9, b, mixed))
-
-
-def _fill_nearest(posts: np.ndarray) -> np.ndarray:
-    from scipy.ndimage import distance_transform_edt
-
-    nearest = distance_transform_edt(np.isnan(posts), return_distances=False, return_indices=True)
-    return posts[tuple(nearest)]
 
 
 @dataclass(frozen=True)

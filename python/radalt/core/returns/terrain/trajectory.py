@@ -25,8 +25,8 @@ COLUMNS = {
     "aircraft": ("icao24", "hex", "callsign"),
     "onground": ("onground", "on_ground"),
 }
-# Altitude columns that state their unit, and columns beside which others hold feet as often as metres (OpenSky's own
-# state vectors, which have `velocity`, are metric)
+# Altitude columns that state their unit, and columns of flight logs, whose altitudes are in feet as often as in metres
+# (OpenSky's own state vectors, which have `velocity`, are metric)
 _UNITS = {"altitude_m": "m", "altitude_ft": "ft", "alt_ft": "ft", "alt_baro": "ft", "alt_geom": "ft"}
 _LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight callsign".split())
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
@@ -186,8 +186,8 @@ class Trajectory:
             ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude), where there are several; default
             the plain altitude, else the first of these.
         altitude_unit : str, optional
-            ``"m"`` or ``"ft"``, of a column whose name does not state it; needed beside columns of a flight log
-            (groundspeed, vertical_rate, track, callsign), which may hold either, and metres elsewhere.
+            ``"m"`` or ``"ft"``, of a column whose name does not state it: needed in a flight log (groundspeed,
+            vertical_rate, track, callsign), elsewhere metres.
         altitude_offset_m : float
             Added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around Chicago), the
             pressure correction for barometric ones, minus the height of the reporting antenna above the
@@ -284,14 +284,12 @@ class Trajectory:
         forward = np.maximum(ground, _SLOW_M_PER_S)
         pitch = np.degrees(np.arctan2(velocity[:, 2], forward)) + self.angle_of_attack_deg
         longitude = (position[:, 1] + 180.0) % 360.0 - 180.0
+        heading = np.degrees(track) % 360.0
+        table = np.column_stack([time_s, position[:, 0], longitude, position[:, 2], heading, pitch, roll])
         return [
-            AircraftState(
-                float(time_s[k]), float(position[k, 0]), float(longitude[k]), float(position[k, 2]),
-                tuple(velocity[k].tolist()), float(np.degrees(track[k]) % 360.0), float(pitch[k]),
-                float(roll[k]),
-            )
-            for k in range(time_s.size)
-        ]  # fmt: skip
+            AircraftState(*row[:4], tuple(v), *row[4:])
+            for row, v in zip(table.tolist(), velocity.tolist(), strict=True)
+        ]
 
     def state(self, time_s: float) -> AircraftState:
         """`states` of one instant."""
@@ -306,7 +304,7 @@ def _unit(path: Path, column: str, names: list[str], given: str | None) -> str:
     logged = sorted(_LOGGED.intersection(names))
     if not (stated or given) and logged and "velocity" not in names:
         raise TrajectoryError(
-            f"{path.name}: column {column} beside {', '.join(logged)} may be in feet or metres; "
+            f"{path.name}: column {column} may be in feet or metres, as the file has {', '.join(logged)}; "
             "give trajectory.altitude_unit: ft, or m"
         )
     return stated or given or "m"
@@ -315,22 +313,22 @@ def _unit(path: Path, column: str, names: list[str], given: str | None) -> str:
 def _one_aircraft(
     path: Path, rows: list[dict[str, str]], column: str | None, wanted: str | None
 ) -> list[dict[str, str]]:
-    if column is None:
-        if wanted is not None:
-            allowed = " or ".join(COLUMNS["aircraft"])
-            raise TrajectoryError(
-                f"{path.name}: aircraft {wanted!r} is asked for, but there is no column {allowed}; leave it out"
-            )
-        return rows
-    seen = Counter(row[column].strip().lower() for row in rows)
+    named = [row[column].strip().lower() if column else "" for row in rows]
+    seen = [name or "(none)" for name, _ in Counter(named).most_common()]
+    listed = (
+        f"{len(seen)} aircraft in column {column} ({', '.join(seen[:8])})"
+        if column
+        else "no column of aircraft"
+    )
     if wanted is None and len(seen) > 1:
-        names = ", ".join(name or "(none)" for name, _ in seen.most_common(8))
-        raise TrajectoryError(
-            f"{path.name}: {len(seen)} aircraft in column {column} ({names}); choose one: aircraft="
-        )
-    if wanted is not None and wanted.strip().lower() not in seen:
-        raise TrajectoryError(f"{path.name}: no aircraft {wanted!r}; it has {', '.join(sorted(seen)[:8])}")
-    return [row for row in rows if wanted is None or row[column].strip().lower() == wanted.strip().lower()]
+        raise TrajectoryError(f"{path.name}: {listed}; choose one: aircraft=")
+    if wanted is not None and wanted.strip().lower() not in named:
+        raise TrajectoryError(f"{path.name}: no aircraft {wanted!r}; it has {listed}")
+    return (
+        rows
+        if wanted is None
+        else [r for r, n in zip(rows, named, strict=True) if n == wanted.strip().lower()]
+    )
 
 
 def _usable(

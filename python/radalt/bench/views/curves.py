@@ -1,0 +1,46 @@
+"""Pd over the level, a panel per case, at its largest overlap."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...evaluation.results.figure import new_figure, save_figure
+from ...evaluation.results.style import series_style
+from ..paired import curves, level_db
+from ..rows import Row
+
+_PANELS = 9  # cases in the figure: the first ones; the table has all
+_LINES = 8  # entries in a panel
+
+
+def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path) -> None:
+    """The figure; nothing is written where no case has three levels."""
+    found = curves(rows)
+    fullest = {case: max(overlap for name, overlap in found if name == case) for case, _ in found}
+    shown = [
+        (case, overlap)
+        for (case, overlap), by in found.items()
+        if overlap == fullest[case] and max(map(len, by.values())) >= 3
+    ][:_PANELS]
+    if not shown:
+        return
+    across = min(3, len(shown))
+    down = -(-len(shown) // across)
+    figure = new_figure(2.9 * across + 0.6, 2.3 * down + 0.7)
+    axes = figure.subplots(down, across, sharey=True, squeeze=False)
+    names = tuple(name for name in entries if any(name in found[where] for where in shown))[:_LINES]
+    for axis, where in zip(axes.flat, shown, strict=False):
+        for name in (name for name in names if name in found[where]):
+            curve, style = found[where][name], series_style(name, names)
+            axis.plot([level_db(r) for r in curve], [r["pd"] for r in curve], ms=4, lw=1.2, **style)
+        axis.set_title(f"{where[0].replace('_', ' ')}, overlap {where[1]:g}", fontsize=10)
+        axis.invert_xaxis()
+        axis.axhline(0.9, color="0.8", lw=0.8)
+        axis.grid(alpha=0.3)
+    for axis in axes.flat[len(shown) :]:
+        axis.set_axis_off()
+    figure.supxlabel("level / dB")
+    axes[0, 0].set_ylabel("Pd")
+    lines = {line.get_label(): line for axis in axes.flat for line in axis.get_lines()}
+    handles = [lines[name] for name in names if name in lines]
+    figure.legend(handles=handles, loc="outside upper center", ncols=4, fontsize=9, frameon=False)
+    save_figure(figure, path)

@@ -1,1 +1,0 @@
-"""Study: error of every method, network and choice of the altimeter against its CPU time."""
