@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
+from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
 from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point
@@ -24,13 +24,16 @@ from ...evaluation.results.integrity import (
 )
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
-from .cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
+from .beats import Beats
+from .cases import BLOCK, KINDS, LONG, LONGER, WAVEFORM, Case, case_of, cases
 from .columns import EDGES, FRAMES, ROWS
-from .flights import Flight, fly
+from .flights import Flight, fly, rng_of
+from .long_flights import flight_of, spectra_of
 from .received import received
 
 # a track may start at any altitude: flights without a leakage calibration have no leakage
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
+_ALONE_STEP = 8  # one frame of so many of a long flight is measured alone: altitudes of neighbours are alike
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,29 @@ def judge(
     }
 
 
+def judge_long(
+    case: Case, rng: np.random.Generator, frames: int, settings: AltimeterSettings
+) -> tuple[Flight, Judged]:
+    """A flight of the kinds `LONG` and its altitudes without mitigation, at the decimated rate; all of its CPU time.
+
+    One frame in eight is measured alone.
+    """
+    begin, altimeter = time.thread_time(), shared_altimeter(WAVEFORM, settings)
+    tracker, path = AltitudeTracker(altimeter, TRACKER), flight_of(case, frames, rng)
+    outputs, results, middle = [], [], []
+    for index, spectra, nearest in spectra_of(case, path, frames, Beats(altimeter), rng):
+        outputs.append(tracker.process(spectra, frame_index=index))
+        some = slice(None, None, _ALONE_STEP)
+        alone = Spectra(spectra.power[some], spectra.support[some], spectra.beat_hz, spectra.scale[some])
+        results.append(altimeter.detect(alone, frame_index=index[some]))
+        middle.append(nearest)
+    true = np.concatenate(middle)
+    step = np.gradient(true)
+    ms = 1e3 * (time.thread_time() - begin) / frames
+    judged = Judged(_complete(outputs, frames), np.concatenate(results), ms)
+    return Flight(true, true + 0.5 * step, step / WAVEFORM.sweep_s), judged
+
+
 def _complete(parts: list[np.ndarray], frames: int) -> np.ndarray:
     """An output per 40 ms; those after the last frame have status FAILURE."""
     out = np.zeros(frames // BLOCK, dtype=OUTPUT_DTYPE)
@@ -104,7 +130,7 @@ class IntegrityStudy(ChainStudy):
     kinds : tuple of str
         Names in `cases.KINDS`.
     frames : int
-        Frames per flight, a multiple of 40.
+        Frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many.
     allowed_m_per_s : float
         Vertical speed that altimeter and tracker allow; up to 10 m/s are flown.
     parts : int
@@ -127,6 +153,7 @@ class IntegrityStudy(ChainStudy):
         "events.csv": "data/integrity_events.csv",
         "figures/integrity_stanford.png": "figures/integrity_stanford.png",
         "figures/integrity_sir.png": "figures/integrity_sir.png",
+        "figures/integrity_land.png": "figures/integrity_land.png",
     }
 
     @property
@@ -147,13 +174,22 @@ class IntegrityStudy(ChainStudy):
     def points(self) -> Sequence[IntegrityPoint]:
         """The first flight of every case, then the second, and so on."""
         return [
-            IntegrityPoint(f"{case.name}:{part}", self.frames, case=case.name, part=part)
+            IntegrityPoint(f"{case.name}:{part}", self.frames_of(case), case=case.name, part=part)
             for part in range(self.parts)
             for case in cases(self.kinds)
+            if case.kind not in LONG or "none" in self.methods
         ]
+
+    def frames_of(self, case: Case) -> int:
+        """Frames of a flight."""
+        return self.frames * (LONGER if case.kind in LONG else 1)
 
     def flown(self, case: Case, batch: int) -> tuple[Flight, dict[str, Judged]]:
         """One flight and what every method makes of it."""
+        if case.kind in LONG:
+            rng = rng_of(case, self.seed, batch, 0)
+            flight, judged = judge_long(case, rng, self.frames_of(case), self.settings)
+            return flight, {"none": judged}
         flight = fly(case, self.seed, batch, self.frames)
         return flight, judge(received(case, flight, self.seed, batch), self.frames, self.chains)
 
@@ -178,6 +214,10 @@ def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
     frames = score_frames(results, flight.middle_m[results["frame_index"]])
     return {
         **vars(integrity(outputs, truth, limit)),
+        "altitude_m": float(np.mean(truth)),
+        "misleading_events": _events_of(error_m(outputs, truth) > outputs["protection_level_m"]),
+        "hazardous_events": _events_of(is_hazardous(outputs, truth, limit)),
+        "largest_m": float(np.nanmax(error_m(outputs, truth), initial=0.0)),
         "first_s": time_to_first_s(outputs, sweep_s),
         "alert_s": alert,
         "unalerted": int(np.isinf(alert)),
@@ -186,6 +226,11 @@ def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
         "stanford": " ".join(f"{i},{j},{counts[i, j]}" for i, j in np.argwhere(counts)),
         "ms_per_frame": judged.ms_per_frame,
     }
+
+
+def _events_of(which: np.ndarray) -> int:
+    """Runs of outputs of which something is true."""
+    return int(np.count_nonzero(np.diff(which.astype(int), prepend=0) == 1))
 
 
 def _limit_m(outputs: np.ndarray, truth: np.ndarray) -> np.ndarray:
