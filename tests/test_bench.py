@@ -13,13 +13,15 @@ from radalt.bench.board import check_rows, stored_rows, verdict
 from radalt.bench.entry import Entry, run
 from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
-from radalt.bench.paired import paired
+from radalt.bench.paired import curves, paired
 from radalt.bench.rows import read_rows, row_of
+from radalt.bench.views.cost import summaries, summary_table
 from radalt.bench.views.null import false_altitudes
 from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
 from radalt.evaluation.flowgraph.generate import prepare
 from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.results.break_point import break_point_of
 from radalt.evaluation.results.rows import bits, unbits
 from radalt.evaluation.results.score import trials_of
 
@@ -80,13 +82,44 @@ def test_bits_survive_the_row_and_pairs_are_of_the_same_frames():
     assert gain == pytest.approx(5.0 * 4 * np.mean((np.arange(61) < 20) & ~which)) and low <= gain <= high
 
 
-def test_stored_rows_are_of_the_list_and_can_be_measured_again():
-    """One digest, the list's seeds; rows as stored, which notices a change of emitters, channel, receiver or method."""
+@pytest.mark.parametrize("name", sorted(path.stem for path in stored_rows("standard").parent.glob("*.csv")))
+def test_stored_rows_are_of_their_list(name):
+    """One digest, every case, the seeds of its levels."""
+    cases, rows = load_list(name), read_rows(stored_rows(name))
+    assert {row["digest"] for row in rows} == {cases.digest} and {row["list"] for row in rows} == {name}
+    seeds = {(c.name, c.overlap): {c.at(level).seed for level in c.levels_db} for c in cases.cases}
+    assert {(row["case"], row["overlap"]) for row in rows} == seeds.keys()
+    assert all(row["seed"] in seeds[row["case"], row["overlap"]] for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("case", "overlap", "entry"),
+    [
+        ("qpsk_received", 1.0, "hybrid"),
+        ("qpsk_rectangular", 1.0, "tcae"),
+        ("nr5", 1.0, "tcae"),
+        ("nr5", 1.0, "time_frequency"),
+        ("nr10", 1.0, "ofdm_cancel"),
+        ("mixture", 0.3, "blanking"),
+    ],
+)
+def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, case, overlap, entry):
+    rows = read_rows(stored_rows("standard"))
+    at = break_point_of(curves(rows)[case, overlap][entry])
+    page = (root / "docs/methods.md").read_text("utf-8")
+    assert f"{at.sir_db:.0f} dB ({at.low_db:.0f} to {at.high_db:.0f})" in page
+
+
+def test_the_page_of_methods_has_the_table_of_the_stored_rows(root):
+    rows = read_rows(stored_rows("standard"))
+    made = summary_table(summaries(rows, list(dict.fromkeys(row["entry"] for row in rows))))
+    assert made in (root / "docs/methods.md").read_text("utf-8")
+
+
+def test_stored_rows_can_be_measured_again():
+    """Rows as stored, which notices a change of emitters, channel, receiver or method."""
     cases, rows = load_list("standard"), read_rows(stored_rows("standard"))
-    assert {row["digest"] for row in rows} == {cases.digest}
     by_case = {(case.name, case.overlap): case for case in cases.cases}
-    assert {(row["case"], row["overlap"]) for row in rows} == by_case.keys()
-    assert all(row["seed"] == by_case[row["case"], row["overlap"]].at(row["sir_db"]).seed for row in rows)
     case = by_case["nr5", 0.6]
     frames = frames_of(case, -30.0)
     for entry in ("none", "whitening", "time_frequency"):
@@ -175,6 +208,15 @@ def test_entries_have_their_own_altimeter_and_take_turns(tmp_path, browser):
             "list 'nothing': no such file, and no shipped list; there are detection, evm",
         ),
         ({"entries": 3}, "entries is 3; give names of methods, or name: {method: ...}"),
+        ({"entries": {"none": {"options": 3}}}, "entries.none.options is 3; expected a mapping of keys"),
+        ({"entries": {"a": {"method": "b"}}}, "entries.a: no method 'b'; there are none, lms"),
+        ({"extends": "ideal"}, "mine.yaml: extends ideal: unknown key 'extends'"),
+        ({"overlap": []}, "overlap is []; give one within 0..1, or a list of them"),
+        ({"overlap": "x"}, "mine.yaml: mixture: overlap[0] is 'x'; expected a"),
+        ({"base": 3}, "mine.yaml: base is 3; expected a mapping of keys"),
+        ({"cases": {"a": {"limit_m": -1}}}, "mine.yaml: a: limit_m is -1; it has to be above 0"),
+        ({"cases": {5: {}}}, "give a mapping of at least one case, by names"),
+        ({"cases": {"a": {"like": ["a"]}}}, "mine.yaml: a: like is ['a']"),
         ({"turns": -1}, "turns is -1; it has to be within 0..10000"),
         ({"cases": {}}, "cases is {}; give a mapping of at least one case"),
         ({"cases": {"a": {"interference": {"tones": {"cout": 3}}}}}, "unknown key 'interference.tones.cout'"),

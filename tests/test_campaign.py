@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import os
 import re
 
 import numpy as np
@@ -9,15 +10,19 @@ import pytest
 from pages import assert_whole
 from scipy import stats
 
-from radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
+from radalt.core.receiver.altimeter import shared_altimeter
+from radalt.core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
 from radalt.studies.integrity import command as program
-from radalt.studies.integrity.cases import KINDS, WAVEFORM, Case, case_of, cases
+from radalt.studies.integrity.beats import Beats
+from radalt.studies.integrity.cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
+from radalt.studies.integrity.figures import draw_land
 from radalt.studies.integrity.flights import fly
-from radalt.studies.integrity.frames import _bent
+from radalt.studies.integrity.frames import _bent, white_noise
+from radalt.studies.integrity.long_flights import flight_of, frames_of
 from radalt.studies.integrity.received import received
-from radalt.studies.integrity.report import _claim, summarise
-from radalt.studies.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m
+from radalt.studies.integrity.report import _claim, _hours_of, _hours_table, summarise
+from radalt.studies.integrity.study import TRACKER, IntegrityPoint, IntegrityStudy, _events_of, _limit_m
 
 SMALL = IntegrityStudy(methods=("none", "whitening"), frames=480)
 
@@ -100,7 +105,8 @@ def test_faults_make_failures_or_silence_and_no_wrong_altitude(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["jammed/nr5/0.3/-20dB/snr10", "drawn/7", "slip/paper_qpsk", "terrain/clear"]
+    "name",
+    ["jammed/nr5/0.3/-20dB/snr10", "drawn/7", "slip/paper_qpsk", "land_jammed/urban/bank 30/tones/-40dB"],
 )
 def test_the_same_point_twice_gives_the_same_rows_and_another_part_another_flight(name):
     study = IntegrityStudy(methods=("none",), frames=80)
@@ -158,11 +164,83 @@ def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, m
     assert [int(line.split()[1]) for line in again] == [int(e["frame_index"]) for e in mine]
 
 
-def test_a_campaign_goes_on_to_more_outputs(tmp_path, capsys, measured_here, undrawn):
+def test_a_campaign_goes_on_to_more_hours(tmp_path, capsys, measured_here, undrawn):
     noise = ["--methods=none", "--groups=noise", "--frames=400", "--jobs=1", f"--out={tmp_path / 'out'}"]
-    assert program.main([*noise, "--outputs=40"]) == 0
-    assert program.main([*noise, "--resume", "--outputs=80"]) == 0
+    assert program.main(noise) == 0
+    assert program.main([*noise, "--resume", "--hours=0.0008"]) == 0
     assert "going on: 4 of 8" in capsys.readouterr().out
+
+
+# -- long flights ------------------------------------------------------------------------------------------------------
+
+ALTIMETER = shared_altimeter(WAVEFORM, SMALL.settings)
+BEATS = Beats(ALTIMETER)
+BLOCKS = int(os.environ.get("RADALT_BEATS_BLOCKS", "12"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "land/woods/level",
+        "land/urban/beam 60",
+        "land/desert/bank 30",
+        "point/snr-10",
+        "point/snr10/30m/-12dB",
+    ],
+)
+def test_flights_at_the_decimated_rate_have_the_statuses_and_levels_of_whole_frames(name):
+    """The same scatterers and noise at both rates; of 1,000 blocks each (`RADALT_BEATS_BLOCKS=1000`), too."""
+    case, rng = case_of(name), np.random.default_rng(75)
+    flight, trackers = (
+        flight_of(case, BLOCKS * BLOCK, rng),
+        [AltitudeTracker(ALTIMETER, TRACKER) for _ in range(2)],
+    )
+    outputs, level = ([], []), np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0))
+    for block in range(BLOCKS):
+        scatterers, noise = flight.scatterers(block), level * white_noise(BLOCK, rng)
+        decimated = ALTIMETER.decimator.mix(noise.reshape(BLOCK, 2, -1), ALTIMETER._table)
+        low = BEATS.returns(*scatterers[:3]) + decimated
+        for k, spectra in enumerate(
+            (ALTIMETER.spectra(frames_of(scatterers) + noise), ALTIMETER.of_beats(low))
+        ):
+            outputs[k].append(trackers[k].process(spectra, frame_index=block * BLOCK + np.arange(BLOCK)))
+    whole, beats = map(np.concatenate, outputs)
+    assert np.mean(whole["status"] != beats["status"]) <= 0.002
+    normal = (whole["status"] == Status.NORMAL) & (beats["status"] == Status.NORMAL)
+    assert normal.sum() >= 0.7 * BLOCKS
+    apart = np.abs(whole["protection_level_m"] - beats["protection_level_m"])[normal]
+    assert np.median(apart) < 0.02 and np.quantile(apart, 0.99) < 0.3
+
+
+def test_noise_at_the_decimated_rate_has_the_covariance_of_decimated_noise():
+    rng = np.random.default_rng(76)
+    whole = ALTIMETER.decimator.mix(white_noise(400, rng).reshape(400, 2, -1), ALTIMETER._table)
+    found = [np.einsum("nhi,nhj->ij", x.conj(), x) / (2 * len(x)) for x in (whole, BEATS.noise(4000, rng))]
+    top = np.abs(found[0]).max()
+    assert np.abs(found[0] - found[1]).max() < 0.2 * top
+    assert np.trace(found[1]).real == pytest.approx(np.trace(found[0]).real, rel=0.01)
+
+
+def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
+    """Mountains from 1,280 m, banked by 40 degrees: the beam points at 1,500 m; five outputs were 176 m off."""
+    study = IntegrityStudy(("none",), frames=40, seed=54)
+    (row,) = study.measure(IntegrityPoint("", 1200, case="land/mountains/bank 40"))
+    assert (row["outputs"], row["misleading"], row["hazardous"]) == (30, 0, 0)
+
+
+def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs(tmp_path):
+    assert _events_of(np.array([1, 1, 0, 1, 0, 0, 1], dtype=bool)) == 3
+    (row,) = IntegrityStudy(("none",), frames=40).measure(IntegrityPoint("", 1200, case="point/snr10"))
+    row |= {"case": "land/woods/level", "kind": "land", "misleading_events": 2, "hazardous_events": 1}
+    rows = [row, row | {"hazardous_events": 0, "misleading_events": 0}]
+    found = _hours_of(rows)
+    assert (found["misleading"], found["hazardous"], found["hazardous_flights"]) == (2, 1, 1)
+    assert found["hours"] == pytest.approx(60 * 0.04 / 3600)
+    assert found["bound"] == pytest.approx(4.744 / found["hours"], rel=1e-3)  # Poisson, 95 %, one event
+    lines = _hours_table(rows).splitlines()[2:]
+    assert [line.split(" | ")[0] for line in lines][0] == "| land, level" and len(lines) == 2
+    draw_land([row | {"after_start": 0.5}], tmp_path / "land.png")
+    assert (tmp_path / "land.png").stat().st_size > 5000
 
 
 # -- the claim ---------------------------------------------------------------------------------------------------------

@@ -352,14 +352,16 @@ def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
     doppler_hz, frames, streams, frame_s = 60.0, 13, 200, 1e-3
     rate_hz, count = 12e3, 12  # the channel does not care how densely it is looked at
     emitter = impaired(Wave(), fading=FadingChannel(profile="EPA", doppler_hz=doppler_hz))
-    heard = np.empty((streams, frames), complex)
+    received = np.empty((streams, frames), complex)
     for seed in range(streams):
-        running, rng = (
-            (Transmission if free_running else Path)(emitter, count),
-            np.random.default_rng([seed, 5]),
-        )
-        heard[seed] = [running.samples(count, rate_hz, rng)[6] for _ in range(frames)]
-    found = np.mean(heard * heard[:, :1].conj(), axis=0) / np.mean(np.abs(heard) ** 2)
+        rng = np.random.default_rng([seed, 5])
+        if free_running:
+            signal = emitter.begin(rate_hz, rng)
+            received[seed] = [signal(count * k + 6, 1)[0] for k in range(frames)]
+        else:
+            running = Path(emitter, count)
+            received[seed] = [running.samples(count, rate_hz, rng)[6] for _ in range(frames)]
+    found = np.mean(received * received[:, :1].conj(), axis=0) / np.mean(np.abs(received) ** 2)
     lag_s = np.arange(frames) * frame_s
     np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.17)  # 200 draws: 0.07
 

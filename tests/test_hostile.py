@@ -166,7 +166,7 @@ def test_hostile_option_of_the_evaluation_gets_one_line(option):
 COMMANDS = {
     landing_eval: "--jobs --frames --sensitivity-trials --seed --sir-db --flat-m",
     leaving_out: "--frames --repeats",
-    integrity: "--frames --outputs --seed",
+    integrity: "--frames --hours --seed",
     realtime_benchmark: "--seconds --overlap --batch",
     gallery: "--seed",
     ota_remote: "--keep-alive-s",

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.effects import ImpairedEmitter, Impairments
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
-from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.multipath import FadingChannel
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.mitigation.qpsk.settings import DEFAULTS
 from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
@@ -18,6 +19,11 @@ from radalt.core.waveform import Waveform
 
 W = Waveform()
 N, RATE_HZ = W.samples_per_frame, W.rate_hz
+
+
+ECHOES = ImpairedEmitter(
+    emitter=QpskReceivedEmitter(), effects=Impairments(fading=FadingChannel(profile="EVA"))
+)
 
 
 def received(emitter, sir_db, count=4, seed=1, overlap=1.0, snr_db=10.0):
@@ -146,8 +152,7 @@ def test_slow_symbols_of_a_receiver_with_a_filter_are_not_taken_for_such(sir_db)
 
 
 def test_echoes_belong_to_the_pulse():
-    faded = FadedEmitter(emitter=QpskReceivedEmitter(), channel=FadingChannel(profile="EVA"))
-    frames, clean, _ = received(faded, -30.0, count=12, seed=7)
+    frames, clean, _ = received(ECHOES, -30.0, count=12, seed=7)
     assert np.mean(left(create("qpsk_cancel", W).process(frames), clean) < 0.3) >= 0.9
 
 
@@ -241,7 +246,7 @@ def going_on(*windows, sir_db=-40.0, seed=21):
         QpskReceivedEmitter(
             bandwidth_hz=RATE_HZ * 14 / 169
         ),  # 14 symbols last between two even numbers of samples
-        FadedEmitter(emitter=QpskReceivedEmitter(), channel=FadingChannel(profile="EVA")),
+        ECHOES,
     ],
     ids=["rectangular", "narrow, off centre", "fast, clock far off", "slow", "echoes"],
 )

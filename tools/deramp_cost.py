@@ -7,6 +7,7 @@ Prints, for each emitter, milliseconds per sweep both ways, the ratio of powers 
 realisation, and the altitude error of a return of 300 m beside it at an SIR of -10 dB.
 """
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -38,6 +39,9 @@ def _timed(call: Callable[..., np.ndarray], *args: object) -> tuple[float, np.nd
 
 def main() -> None:
     """Print the table."""
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     altimeter = Altimeter(SWEEP, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=0.0))
     ground = point_return(SWEEP, np.array([_ALTITUDE_M]))[0]
 

@@ -55,6 +55,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     only = tuple(case.strip() for case in args.cases.split(",") if case.strip())
     salt = _salt(args.list, own) if args.confirm else ""
     cases = load_list(args.list, frames=args.frames, only=only, salt=salt)
+    listed = {name: Entry.of(name, keys, f"{args.list}: entries") for name, keys in cases.entries.items()}
     if args.plan:
         for case in cases.cases:
             levels = case.levels_db
@@ -68,7 +69,6 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
                 f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
             )
         return 0
-    listed = {name: Entry.of(name, keys, f"{args.list}: entries") for name, keys in cases.entries.items()}
     if own and set(own) & set(listed):
         parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
     names = [name.strip() for name in args.entries.split(",") if name.strip()]

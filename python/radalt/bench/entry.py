@@ -57,6 +57,11 @@ class Entry:
             raise InputError(f"{where}.{name}: no method {shown(method)}; there are {', '.join(METHODS)}")
         if keys.get("detector", "") not in ("", "textbook"):
             raise InputError(f"{where}.{name}.detector is {shown(keys['detector'])}; allowed: textbook")
+        wrong = [key for key in ("options", "altimeter") if not isinstance(keys.get(key) or {}, dict)]
+        if wrong:
+            raise InputError(
+                f"{where}.{name}.{wrong[0]} is {shown(keys[wrong[0]])}; expected a mapping of keys"
+            )
         options, altimeter = (dict(keys.get(key) or {}) for key in ("options", "altimeter"))
         try:
             build(AltimeterSettings, altimeter, f"{where}.{name}.altimeter")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.parsing import build, load_yaml, plain, shown, whole
+from ..core.parsing import build, convert, load_yaml, plain, shown, whole
 from ..core.paths import share_dir
 from ..core.scene import Scene, parse_scene
 
@@ -174,9 +174,9 @@ def load_list(
     """
     path = find_list(name)
     data = _extended(path)
-    if not isinstance(data.get("cases"), dict) or not data["cases"]:
+    if not (isinstance(data.get("cases"), dict) and data["cases"] and all(map(_is_name, data["cases"]))):
         raise ValueError(
-            f"{path.name}: cases is {shown(data.get('cases'))}; give a mapping of at least one case"
+            f"{path.name}: cases is {shown(data.get('cases'))}; give a mapping of at least one case, by names"
         )
     unknown = [case for case in only if case not in data["cases"]]
     if unknown:
@@ -209,7 +209,8 @@ def _extended(path: Path) -> dict[str, Any]:
     if "extends" not in data:
         return data
     beside = path.with_name(f"{data['extends']}.yaml")
-    other = _extended(beside if beside.is_file() else find_list(str(data["extends"])))
+    other = load_yaml(beside if beside.is_file() else find_list(str(data["extends"])), what="list")
+    _check_keys(other, _LIST_KEYS[:-1], f"{path.name}: extends {data['extends']}")  # it extends none itself
     taken = {key: other[key] for key in ("grid", "overlap") if key in other}
     own = {key: value for key, value in data.items() if key != "extends"}
     return taken | own | {"base": _merged(other.get("base", {}), own.get("base", {}))}
@@ -222,7 +223,7 @@ def _like(cases: dict[str, Any], own: Any, where: str, depth: int = 0) -> dict[s
     if "like" not in own:
         return dict(own)
     name = own["like"]
-    if name not in cases or depth > len(cases):
+    if not _is_name(name) or name not in cases or depth > len(cases):
         raise ValueError(
             f"{where}: like is {shown(name)}; give another case of the list, there are {', '.join(cases)}"
         )
@@ -248,10 +249,17 @@ def _cases(
         grid.levels_db  # noqa: B018 - checks them
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-    overlaps = own.pop("overlap", data.get("overlap", [1.0]))
-    title, limit_m = str(own.pop("title", name.replace("_", " "))), own.pop("limit_m", None)
-    out = []
-    for overlap in overlaps if isinstance(overlaps, list) else [overlaps]:
+    try:
+        overlaps = convert(tuple[float, ...], own.pop("overlap", data.get("overlap", [1.0])), "overlap")
+        limit_m = convert(float | None, own.pop("limit_m", None), "limit_m")
+        if not overlaps or not all(0.0 <= overlap <= 1.0 for overlap in overlaps):
+            raise ValueError(f"overlap is {shown(list(overlaps))}; give one within 0..1, or a list of them")
+        if limit_m is not None and limit_m <= 0.0:
+            raise ValueError(f"limit_m is {limit_m:g}; it has to be above 0")
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    title, out = str(own.pop("title", name.replace("_", " "))), []
+    for overlap in overlaps:
         seed = (
             seed_of(data.get("seed", 1), name, overlap, salt)
             if salt
@@ -261,7 +269,7 @@ def _cases(
         mapping["altitude"] = _altitude(mapping, frames, seed)
         scene = parse_scene(mapping, source=where)
         limit = limit_m or max(5.0, scene.waveform.range_resolution_m / 4)
-        case = Case(name, title, float(overlap), scene.at(overlap=overlap), grid, float(limit))
+        case = Case(name, title, overlap, scene.at(overlap=overlap), grid, limit)
         try:
             case.at(case.levels_db[0])  # the level that a grid can get wrong
         except ValueError as error:
@@ -280,12 +288,19 @@ def _altitude(mapping: dict[str, Any], frames: int | None, seed: int) -> dict[st
     return altitude | {"drawn": drawn | ({} if frames is None else {"frames": frames})}
 
 
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and bool(value)
+
+
 def _check_keys(data: Any, allowed: Sequence[str], where: str) -> None:
     if not isinstance(data, dict):
         raise ValueError(f"{where} is {shown(data)}; expected a mapping with the keys {', '.join(allowed)}")
     unknown = [key for key in data if key not in allowed]
     if unknown:
         raise ValueError(f"{where}: unknown key {shown(unknown[0])}; allowed: {', '.join(allowed)}")
+    wrong = [key for key in ("base", "grid") if not isinstance(data.get(key, {}), dict)]
+    if wrong:
+        raise ValueError(f"{where}: {wrong[0]} is {shown(data[wrong[0]])}; expected a mapping of keys")
 
 
 def _merged(base: Any, own: Any) -> dict[str, Any]:

@@ -120,6 +120,12 @@ class BeatSpectra:
         # the window's transform is taken from at most so many points: beyond that only memory changes
         self._shape = self._window(min(half, SHAPE_POINTS))
         self._step = self.cell_hz * w.half_sweep_s / self._shape.size
+        # factor per cell that refers phases to the window's middle; its second and fourth moments, of the spectrum
+        middle = (0.5 * half + 0.5 * self.decimator.taps.size) / self.decimation - 1.0
+        self._centre = np.exp(2j * np.pi * middle / self.fft_size)
+        time = 2.0 * np.pi * ((np.arange(half) + 0.5) / half - 0.5)
+        plain = cosine_window(self.settings.window, half)
+        self._width = tuple(float(plain @ time**power / plain.sum()) for power in (2, 4))
         t = w.sample_times_s[:half]
         # up: conj(rx) ref has the beat at +(k tau + f_D); its spectrum is the mirror of rx conj(ref), so both halves
         # mix with conj(ref); a rising half is shifted by +centre (and read backwards), a falling one by -centre
@@ -190,6 +196,14 @@ class BeatSpectra:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
             low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self._table)
+        return self.of_beats(low, frames, quality)
+
+    def of_beats(
+        self, low: np.ndarray, frames: np.ndarray | None = None, quality: np.ndarray | None = None
+    ) -> Spectra:
+        """Transform ``(n, 2, outputs)`` complex64 dechirped, decimated half sweeps, which are overwritten."""
+        w = self.waveform
+        with np.errstate(invalid="ignore", over="ignore"):
             rails = low.view(np.float32).reshape(len(low), -1)
             scale = np.maximum(rails.max(axis=1), -rails.min(axis=1))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
@@ -225,6 +239,33 @@ class BeatSpectra:
             room = energy > (1.0 + _ROOM * least) * within
             out[hidden] = 0.0
             out[hidden[room]] = np.nan_to_num(self._beyond_span.ratio(frames[room]))
+        return out
+
+    def moments(self, spectra: Spectra) -> np.ndarray:
+        """(n, 2, 3) complex, of the strongest line: second moment of its delays about their mean, cell, power.
+
+        The moment is in squared resolution cells, weighted by complex amplitudes: ``w (1 - w) d^2`` of two returns at a
+        distance ``d``, the farther one with the share ``w`` of their sum; a point's is zero. From slope and curvature
+        of the spectrum at its peak, whose Taylor series has the moments of window and delays as its factors.
+        """
+        out = np.full((len(spectra.power), 2, 3), np.nan, dtype=complex)
+        if spectra.cells is None:
+            return out
+        at = np.clip(spectra.power.argmax(axis=-1), 1, spectra.beat_hz.size - 2)
+        left, here, right = (
+            np.take_along_axis(spectra.cells, (at + step)[..., None], axis=-1)[..., 0] * self._centre**step
+            for step in (-1, 0, 1)
+        )
+        step = 1.0 / self._per_resolution
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope, bend = (right - left) / here / (2.0 * step), (left - 2.0 * here + right) / here / step**2
+        width = 1.0 - self._blind_samples(self.beat_hz[at]) / self.waveform.samples_per_half
+        second, fourth = self._width[0] * width**2, self._width[1] * width**4
+        bend += second - fourth * step**2 / 12.0  # of the difference for the derivative
+        moment = 2.0 * bend / (fourth - second**2) - (slope / second) ** 2
+        rising = np.array(self.waveform.half_slopes) > 0
+        out[..., 0] = np.where(rising, moment.conj(), moment)  # cells of a rising half are conjugates
+        out[..., 1], out[..., 2] = at, np.abs(here) ** 2
         return out
 
     def _cells(self, low: np.ndarray) -> np.ndarray:

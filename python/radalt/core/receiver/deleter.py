@@ -13,6 +13,8 @@ from .tracker_settings import TrackerSettings
 # Mean over ten blocks of the normalised innovation squared, above which a track contradicts its measurements. A
 # consistent track has 1 and exceeds 8 in none of 1e9 blocks (chi square of ten values).
 _INCONSISTENT = 8.0
+# Resolution cells from the nearest point of spread ground at which a track is another's, a part of it farther off.
+_ELSEWHERE_CELLS = 2.0
 # Blocks in a row in which a place has to be vacant. One alone may be a fade; with three, a step of the ground costs one
 # output more, and no pull-off was found in which that made a difference (docs/tracker.md).
 _VACANT_BLOCKS = 2
@@ -64,9 +66,15 @@ class Deleter:
             track.hits = 0
         return track.missed * s.output_s > s.coast_s
 
-    def inconsistent(self, track: Track) -> bool:
-        """Whether a track's innovations exceed what its filter expects by far."""
-        return track.filter.nis > _INCONSISTENT
+    def inconsistent(self, track: Track, scan: Scan) -> bool:
+        """Whether a track's innovations exceed what its filter expects by far, or the nearest ground is elsewhere."""
+        off_m = (
+            0.0 if scan.ground_m is None else abs(track.latest.altitude_m - (scan.ground_m - scan.residual_m))
+        )
+        return (
+            track.filter.nis > _INCONSISTENT
+            or off_m > _ELSEWHERE_CELLS * self.tables.waveform.range_resolution_m
+        )
 
     def replaced(self, track: Track, candidates: Iterable[Track]) -> bool:
         """Whether the ground has stepped: nothing is left at the track's place, and a candidate is confirmed."""

@@ -68,7 +68,7 @@ class Initiator:
         kept: list[Track] = []
         for candidate in sorted(self.candidates, key=lambda c: -c.hits):
             found = self.updater.update(candidate, scan)
-            fits = found is not None and not self.deleter.inconsistent(candidate)
+            fits = found is not None and not self.deleter.inconsistent(candidate, scan)
             if fits and not self._is_tracked(found, [*tracks, *kept]):
                 kept.append(candidate)
         self.candidates = kept

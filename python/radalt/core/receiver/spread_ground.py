@@ -61,10 +61,11 @@ _BEFORE = 6.0  # resolution cells before the edge in which the shape's side lobe
 
 @dataclass(frozen=True)
 class Ground:
-    """Weights (2, J) of powers that leave a point at the nearest ground, and the deviation of that place in metres."""
+    """Weights (2, J) of powers that leave a point at the nearest ground; that place and its deviation in metres."""
 
     weights: np.ndarray
     deviation_m: float
+    altitude_m: float
 
 
 class SpreadGround:
@@ -97,14 +98,18 @@ class SpreadGround:
         looks = self._looks(ratio, [rise for *_, rise in rises])
         if looks is None:
             return None
+        cells = 0.0
         for half, (power, floor, peak, rise) in enumerate(rises):
             fitted = self._fit(power - floor, peak, rise, looks)
             if fitted is None:
                 return None
             edge, deviation, kind, level = fitted
             variance += 0.25 * deviation**2
+            cells += 0.5 * edge
             weights[half] = self._weights(power, edge, kind, level)
-        return Ground(weights, float(np.sqrt(variance)) * self._cell_m)
+        beat_hz = float(t.beat_hz[0] + cells * t.cell_hz)
+        altitude_m = float(t.waveform.beats_to_altitude_m(beat_hz, -beat_hz)) + _BIAS_M
+        return Ground(weights, float(np.sqrt(variance)) * self._cell_m, altitude_m)
 
     def _rise(self, power: np.ndarray, peak: int) -> int:
         """Cell at which the rise to a peak begins."""

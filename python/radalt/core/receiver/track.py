@@ -191,6 +191,7 @@ class Track:
     doppler_m_per_s: float = 0.0  # mean of the measured speeds over as many blocks as its evidence
     # deviation of its peak from a point's shape, mean over as many blocks as its evidence
     deviation: float = 0.0
+    moment: complex = 0.0  # second moment of its delays, squared resolution cells, mean over as many blocks
     edge_m: float = 0.0  # standard deviation of the nearest point of spread ground
     resolved: bool = False  # whether its evidence ruled out every other pair of cells once
     seen: bool = True  # something that is no side lobe stands where the track is expected

@@ -28,6 +28,10 @@ _ECHO_CELLS, _MOST_ECHO_CELLS = 3.0, 0.5
 # Share of the altitude by which the fit errs where no shape is quite the ground's; the level's part for spread ground,
 # with a deviation of its nearest point (tests/test_ground.py).
 _EDGE_SHARE, _LEAST_EDGE_M = 0.01, 0.1
+# Second return within the peak, its phase against the first one constant: of two with the share w of their sum in the
+# farther one, the peak errs by |w| d, and the moment is w (1 - w) d^2. So the error is at most the moment's root times
+# that of the ratio of amplitudes, 2 (6 dB).
+_MOMENT_FACTOR = 1.42
 _SPARE_EXTENT = 2.0  # factor on that extent, beyond which the asymmetry of a peak is another return
 # Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
 _MIRRORED = 0.25
@@ -77,7 +81,8 @@ class Integrity:
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
     60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point pays
     0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate from
-    each other (`Block.shape_deviation`).
+    each other (`Block.shape_deviation`). Of two returns whose phases stay as they are, amplitude and phase along the
+    sweep give the second moment of their delays (`BeatSpectra.moments`), and 1.42 times its root bounds the error.
 
     It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
     ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep
@@ -234,5 +239,6 @@ class Integrity:
         extent = _EXTENT_CELLS * float(np.sqrt(asymmetry)) * t.waveform.range_resolution_m
         extent = min(extent, _EXTENT_SHARE * max(0.0, float(track.filter.mean[0])))
         echo = min(_ECHO_CELLS * np.sqrt(track.deviation), _MOST_ECHO_CELLS) * t.waveform.range_resolution_m
+        two = _MOMENT_FACTOR * float(np.sqrt(abs(track.moment))) * t.waveform.range_resolution_m
         edge = track.edge_m + _EDGE_SHARE * float(track.filter.mean[0]) * (track.edge_m > _LEAST_EDGE_M)
-        return _SYSTEMATIC_M + noise + max(extent, float(echo), edge) + cells * t.cell_m
+        return _SYSTEMATIC_M + noise + max(extent, float(echo), two, edge) + cells * t.cell_m

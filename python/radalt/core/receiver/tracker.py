@@ -97,7 +97,7 @@ class AltitudeTracker:
         lowest_start_m = settings.leakage_m or -np.inf
         if settings.leakage_m is None and self.integrator.doppler:
             lowest_start_m = REACH_M
-        self._beyond_span = altimeter.beyond
+        self._beyond_span, self._moments_of = altimeter.beyond, altimeter.moments
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
@@ -112,6 +112,7 @@ class AltitudeTracker:
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)
         self._offset_s, self._beyond = np.empty((2, self.frames))
+        self._moments = np.empty((self.frames, 2, 3), dtype=complex)
         self._here = np.empty(self.frames, dtype=np.int8)
         self.reset()
 
@@ -182,7 +183,7 @@ class AltitudeTracker:
             self._beside = received is not None
             index = np.asarray(index)
             before = spectra if received is None else received
-            frozen = self._frozen(before, spectra)
+            frozen, moments = self._frozen(before, spectra), self._moments_of(before)
             beyond = np.full(n, np.nan)
             some = np.nonzero(index % _BEYOND_STEP == 0)[0]
             beyond[some] = self._beyond_span(before, some)
@@ -191,7 +192,9 @@ class AltitudeTracker:
             cuts = np.nonzero((np.diff(index) <= 0) | (np.diff(index // self.frames) != 0))[0] + 1
             for first, last in zip([0, *cuts], [*cuts, n], strict=True):
                 part = slice(first, last)
-                self._take(ratio[part], raw[part], index[part], offset[part], beyond[part], out)
+                self._take(
+                    ratio[part], raw[part], index[part], offset[part], beyond[part], moments[part], out
+                )
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
@@ -212,6 +215,7 @@ class AltitudeTracker:
         index: np.ndarray,
         offset: np.ndarray,
         beyond: np.ndarray,
+        moments: np.ndarray,
         out: list[tuple],
     ) -> None:
         """Store frames of one block, index rising."""
@@ -228,7 +232,7 @@ class AltitudeTracker:
             self._started_at = int(index[0]) % self.frames
         at = index - number * self.frames
         self._ratio[at], self._received[at] = ratio, raw
-        self._offset_s[at], self._beyond[at] = offset, beyond
+        self._offset_s[at], self._beyond[at], self._moments[at] = offset, beyond, moments
         self._here[at] = np.where(np.isnan(ratio[:, 0, 0]) | np.isnan(raw[:, 0, 0]), 2, 1)
         self._next_in_block = int(index[-1]) + 1
         if at[-1] == self.frames - 1:
@@ -283,7 +287,9 @@ class AltitudeTracker:
             lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s,
             residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
             beyond=float(np.median(beyond)) if beyond.size else 0.0,
+            ground_m=None if ground is None else ground.altitude_m,
             edge_m=edge_m,
+            moments=self._moments[at],
             edge_m_per_s=2.0 * edge_m * self.integrator.speed_per_cell / self.integrator.cell_m,
             sum_received=(lambda: Block(self.integrator, self._received[at] * weights, at.astype(float)))
             if self._beside
@@ -299,7 +305,7 @@ class AltitudeTracker:
             found = self._updater.update(self._track, scan)
             measured = found or self._updater.keep(self._track, scan)
             state = State.TRACK if measured else self._missed()
-            if measured and self._deleter.inconsistent(self._track):
+            if measured and self._deleter.inconsistent(self._track, scan):
                 found, state = None, State.LOST
                 self._end()
             normal = found is not None and self._integrity.undisputed(self._track, scan, found)

@@ -102,6 +102,9 @@ class Updater:
         block = scan.received
         if scan.sum_received is None or block.shows(found, self.integrity.received_threshold):
             track.deviation += (block.shape_deviation(found) - track.deviation) / track.evidence.weight
+            moment = scan.moment(found, 1.5 * self.tables.resolution_cells)
+            if moment is not None:
+                track.moment += (moment - track.moment) / track.evidence.weight
 
     def _inside(self, track: Track, found: Measurement, scan: Scan) -> bool:
         return self.gate.near(track, found, scan.lead_s) and (

@@ -234,7 +234,7 @@ class OverlapStudy(Study):
         if self.tracked and self.scene.return_model == "terrain":
             raise SceneError(
                 "--tracked: frames of a landing over terrain are apart in time, a tracker has nothing to sum; "
-                "leave it out, or fly integrity.py --groups terrain"
+                "leave it out, or fly integrity.py --groups land"
             )
 
     def head(self) -> dict[str, Any]:

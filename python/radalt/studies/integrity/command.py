@@ -1,7 +1,7 @@
 """Can the altitude be trusted: tracked outputs of every method over interference, faults and deception.
 
-    .venv/bin/python flowgraphs/integrity.py  # one flight of 2 s through each case, into results/integrity
-    .venv/bin/python flowgraphs/integrity.py --frames=1600 --resume --publish docs  # 75,040 outputs inside the claim
+    .venv/bin/python flowgraphs/integrity.py  # one flight through each case: 2 s, or 1 min over land and points
+    .venv/bin/python flowgraphs/integrity.py --groups=land,point --methods=none --hours=20 --resume  # about 10 h of CPU
     .venv/bin/python flowgraphs/integrity.py --replay jammed/nr5/1/-40dB/snr10:1:0  # one flight, output by output
 
 Exits with 1 if an output was hazardous inside the claim: in no case at a limit that docs/tracker.md states.
@@ -9,6 +9,7 @@ Exits with 1 if an output was hazardous inside the claim: in no case at a limit 
 
 import argparse
 import dataclasses
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,12 +30,18 @@ def _arguments(parser: Parser) -> None:
     add_methods(parser, METHODS)
     add("--groups", default="", help="kinds of cases with commas (default: all)")
     add(
-        "--outputs",
-        type=number(int, 1, 100_000_000),
-        default=1,
-        help="least number of tracked outputs per method, 25 per second (default: one flight of every case)",
+        "--hours",
+        type=number(float, 0.0, 10_000.0),
+        default=0.0,
+        help="least flight hours in all (default: one flight of every case)",
     )
-    add_frames(parser, 2000, "frames of one flight, whole blocks of 40", low=400, high=100_000)
+    add_frames(
+        parser,
+        2000,
+        "frames of a flight, whole blocks of 40; over land and a point 30 times as many",
+        low=40,
+        high=100_000,
+    )
     add(
         "--allowed-m-per-s",
         type=number(float, 10.0, 150.0),
@@ -52,8 +59,9 @@ def _study(args: argparse.Namespace, parser: Parser) -> "IntegrityStudy | int":
     from .study import IntegrityStudy
 
     kinds = names_of(parser, "--groups", args.groups, KINDS) if args.groups else tuple(KINDS)
-    parts = -(-args.outputs // (len(cases(kinds)) * (args.frames // 40)))
-    study = IntegrityStudy(args.methods, kinds, args.frames, parts, args.seed, args.allowed_m_per_s)
+    study = IntegrityStudy(args.methods, kinds, args.frames, 1, args.seed, args.allowed_m_per_s)
+    once_s = sum(study.frames_of(case) for case in cases(kinds)) * study.waveform.sweep_s
+    study = dataclasses.replace(study, parts=max(1, math.ceil(3600.0 * args.hours / once_s)))
     return _replay(study, args.replay, parser) if args.replay else study
 
 

@@ -10,6 +10,7 @@ from ...evaluation.results.figure import COLUMN_IN, new_figure, save_figure
 from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.score import Score
 from ...evaluation.results.style import series_style
+from .cases import ATTITUDES, LANDS
 from .columns import EDGES, FRAMES
 
 Row = Mapping[str, Any]
@@ -65,6 +66,29 @@ def draw_stanford(rows: Sequence[Row], path: Path) -> None:
         ylabel="protection level / alert limit",
     )
     figure.colorbar(image, label="outputs")
+    save_figure(figure, path)
+
+
+def draw_land(rows: Sequence[Row], path: Path) -> None:
+    """Availability after the start over kinds of land and attitudes, with hazardous events; rows are pooled by case."""
+    shares, events = np.full((2, len(LANDS), len(ATTITUDES)), np.nan)
+    for row in rows:
+        _, land, attitude = row["case"].split("/")
+        at = list(LANDS).index(land), list(ATTITUDES).index(attitude)
+        shares[at], events[at] = row["after_start"], row["hazardous_events"]
+    figure = new_figure(COLUMN_IN, 3.6)
+    axis = figure.subplots()
+    image = axis.imshow(shares, cmap="cividis", vmin=0.0, vmax=1.0, aspect="auto")
+    for (row, column), share in np.ndenumerate(shares):
+        if np.isfinite(share):
+            text = f"{np.floor(100 * share) / 100:.2f}" + f" ({events[row, column]:g}!)" * bool(
+                events[row, column]
+            )
+            color = "black" if share > 0.5 else "white"
+            axis.text(column, row, text, ha="center", va="center", fontsize=9, color=color)
+    axis.set_xticks(range(len(ATTITUDES)), list(ATTITUDES), rotation=30, ha="right")
+    axis.set_yticks(range(len(LANDS)), list(LANDS))
+    figure.colorbar(image, label="available after the start")
     save_figure(figure, path)
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.returns.landing import LandingSpec
 from .cases import BLOCK, SPAN_M, WAVEFORM, Case
+from .long_flights import Land, flight_of
 
 FASTEST_M_PER_S = 10.0  # largest vertical speed of a flight, up and down
 _LOWEST_M, _HIGHEST_M = 5.0, 1400.0  # altitudes at which flights start
@@ -37,15 +37,15 @@ class Flight:
         Altitude at the middle and at the end of each frame, NaN without a return, and vertical speed.
     fault_frame : int or None
         First frame of the fault, if there is one.
-    landing : LandingProfile or None
-        Source of the echoes of extended terrain.
+    land : Land or None
+        Source of the echoes of land.
     """
 
     middle_m: np.ndarray
     end_m: np.ndarray
     speed_m_per_s: np.ndarray
     fault_frame: int | None = None
-    landing: object | None = None
+    land: Land | None = None
 
 
 def rng_of(case: Case, seed: int, batch: int, purpose: int) -> np.random.Generator:
@@ -63,8 +63,11 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
     if not case.ground:
         nothing = np.full(frames, np.nan)
         return Flight(nothing, nothing, np.zeros(frames))
-    if case.kind == "terrain":
-        return _landing(rng, frames)
+    if case.kind == "land_jammed":
+        land = flight_of(case, frames, rng)
+        middle = np.concatenate([land.scatterers(block)[-1] for block in range(frames // BLOCK)])
+        step = np.gradient(middle)
+        return Flight(middle, middle + 0.5 * step, step / sweep_s, land=land)
     start = float(np.exp(rng.uniform(np.log(_LOWEST_M), np.log(_HIGHEST_M))))
     speed = float(rng.uniform(-FASTEST_M_PER_S, FASTEST_M_PER_S))
     steps: list[tuple[int, float]] = []
@@ -96,18 +99,3 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
     index = np.arange(frames)
     middle, end = at((index + 0.5) * sweep_s), at((index + 1) * sweep_s)
     return Flight(middle, end, np.full(frames, speed), fault)
-
-
-def _landing(rng: np.random.Generator, frames: int) -> Flight:
-    """A part of the shipped approach in real time, with the source of its echoes."""
-    from ...core.returns.terrain import LandingProfile
-
-    spec, sweep_s = LandingSpec(), WAVEFORM.sweep_s
-    flight = spec.flight()
-    first, last = spec.window_s(flight, sweep_s)
-    start = float(rng.uniform(first, last - frames * sweep_s))
-    radar = spec.radar(WAVEFORM, int(rng.integers(1, 1 << 30)))
-    profile = LandingProfile(radar, flight, frames, start, start + (frames - 1) * sweep_s)
-    climb = profile.vertical_speed_m_per_s
-    middle = profile.altitude_m
-    return Flight(middle, middle + 0.5 * sweep_s * climb, climb, landing=profile)

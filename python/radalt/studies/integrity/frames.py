@@ -11,6 +11,7 @@ from ...core.waveform import altitude_to_delay_s, exp_cycles
 from .cases import BLOCK, DRIFT, SPAN_M, WAVEFORM, Case
 from .emitters import interferers_of
 from .flights import FASTEST_M_PER_S, Flight
+from .long_flights import frames_of as land_frames
 
 Source = Callable[[np.ndarray], np.ndarray]  # frames by their index
 
@@ -70,8 +71,8 @@ def _sources(case: Case, flight: Flight, rng: np.random.Generator) -> list[tuple
     fault = flight.fault_frame or 0
     phase = rng.random(2)
     ground = flight.middle_m, flight.speed_m_per_s
-    if flight.landing is not None:
-        sources.append((lambda k: np.stack([flight.landing.frame(int(i)) for i in k]), 0))
+    if flight.land is not None:  # sources are asked for whole blocks
+        sources.append((lambda k: land_frames(flight.land.scatterers(k[0] // BLOCK)), 0))
     elif case.kind == "nonlinear":
         sources.append((_bent(case.value, _point(*ground, phase[0]), flight.middle_m, rng), 0))
     elif case.ground:

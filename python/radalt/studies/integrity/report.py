@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
@@ -12,12 +13,13 @@ from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.page import write_result
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
-from .cases import BLOCK, KINDS, WAVEFORM, case_of
+from .cases import ATTITUDES, BLOCK, KINDS, LONG, LONGER, STRATA, WAVEFORM, case_of, stratum_of
 from .columns import BY_KIND, EVENTS, FRAMES, POOLED
 from .study import IntegrityStudy
 
 Row = Mapping[str, Any]
 _START = 2  # outputs at the start of a flight that cannot have an altitude: three confirm a track
+_BANDS_M = 0.0, 100.0, 300.0, 1000.0, 1500.0  # altitudes by which rates are given
 _LISTED = 200  # most flights with hazardous outputs in the page; events.csv has all
 
 
@@ -41,9 +43,16 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "after_start": _after_start(total, len(rows)),
         "first_s": float(np.median(first)) if first else None,
         "alert_s": max(alert, default=None),
-        "unalerted": sum(r["unalerted"] for r in rows),
+        **{
+            name: sum(r[name] for r in rows)
+            for name in ("unalerted", "misleading_events", "hazardous_events")
+        },
+        "largest_m": max(r["largest_m"] or 0.0 for r in rows),
+        "altitude_m": float(np.mean([r["altitude_m"] or np.nan for r in rows])),
+        "ms_per_frame": float(np.mean([r["ms_per_frame"] for r in rows])),
         **{name: getattr(frames, name) for name in FRAMES},
         "pd": frames.pd if ground else None,
+        "pd_3pct": frames.pd_3pct if ground else None,
         "wrong": frames.wrong,
         "wrong_bound": frames.wrong_bound,
     }
@@ -74,7 +83,7 @@ def write_report(
     folder: RunFolder, study: IntegrityStudy, tables: Mapping[str, Sequence[Row]], run: Run
 ) -> Path:
     """Write figures, tables, ``report.md`` and ``report.json``; returns the page."""
-    from .figures import draw_sir, draw_stanford
+    from .figures import draw_land, draw_sir, draw_stanford
 
     rows = tables["rows"]
     by_case = pooled(rows, lambda r: (r["case"], r["method"]))
@@ -85,12 +94,19 @@ def write_report(
     folder.write_text("events.csv", EVENTS.csv(events))
     draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
     draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
+    land = [r for r in by_case if r["kind"] == "land"]
+    draw_land(land, folder.path / "figures" / "integrity_land.png")
+    short = [r for r in by_kind if r["kind"] not in LONG]
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
     report = {"headline": _headline(rows, by_case, default), "hazardous": len(events), "events": events}
     values = {
         "flight_s": study.frames * WAVEFORM.sweep_s,
-        "kind_table": _kind_table([r for r in by_kind if not r["known_limit"]]),
-        "outside_table": _kind_table([r for r in by_kind if r["known_limit"]]),
+        "long_s": study.frames * LONGER * WAVEFORM.sweep_s,
+        "hours": _hours_of([r for r in rows if r["kind"] in LONG]),
+        "hours_table": _hours_table(rows),
+        "attitude_table": _attitude_table(land),
+        "kind_table": _kind_table([r for r in short if not r["known_limit"]]),
+        "outside_table": _kind_table([r for r in short if r["known_limit"]]),
         "unavailable_table": _unavailable_table(by_case, default),
         "event_table": _event_table(events),
         "flights_listed": _LISTED,
@@ -116,6 +132,61 @@ def _claim(rows: Sequence[Row]) -> dict[str, Any]:
         "hazardous_flights": len(wrong),
         "flight_bound": clopper_pearson_bound(len(wrong), len(flights)),
     }
+
+
+def _hours_of(rows: Sequence[Row]) -> dict[str, Any]:
+    """Flights, hours, availability, events, and the 95 % bound of hazardous events per hour, of independent events."""
+    total = sum((Integrity.of_row(r) for r in rows), Integrity())
+    hours = total.outputs * BLOCK * WAVEFORM.sweep_s / 3600.0
+    events = {name: sum(r[f"{name}_events"] for r in rows) for name in ("misleading", "hazardous")}
+    return {
+        "flights": len(rows),
+        "hours": hours,
+        "available": _after_start(total, len(rows)),
+        **events,
+        "hazardous_flights": sum(r["hazardous_events"] > 0 for r in rows),
+        "bound": float(stats.chi2.ppf(0.95, 2 * events["hazardous"] + 2)) / 2.0 / hours if hours else np.inf,
+        "largest_m": max((r["largest_m"] or 0.0 for r in rows), default=0.0),
+        "minutes": float(np.mean([r["ms_per_frame"] for r in rows])) * 60.0 if rows else np.nan,
+    }
+
+
+def _hours_table(rows: Sequence[Row]) -> str:
+    """A line per stratum and method inside the claim; then per altitude, of the long flights."""
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in sorted(rows, key=lambda r: list(STRATA).index(stratum_of(case_of(r["case"])))):
+        case = case_of(row["case"])
+        if not case.known_limit:
+            groups.setdefault((stratum_of(case), row["method"]), []).append(row)
+    for low, high in zip(_BANDS_M, _BANDS_M[1:], strict=False):
+        mine = [r for r in rows if r["kind"] in LONG and low <= r["altitude_m"] < high]
+        if mine:
+            groups[f"land and points, {low:g} to {high:g} m", "none"] = mine
+    lines = []
+    for (name, method), mine in groups.items():
+        h = _hours_of(mine)
+        counts = h["misleading"], h["hazardous"], h["hazardous_flights"]
+        shown = number(h["bound"], 1), number(h["largest_m"], 1), number(h["minutes"], 0)
+        lines.append(
+            [name, method, h["flights"], number(h["hours"], 2), number(h["available"], 3), *counts, *shown]
+        )
+    header = ["stratum", "method", "flights", "hours", "available", "misleading", "hazardous", "of flights"]
+    return table([*header, "bound per hour", "largest error / m", "CPU min per hour"], lines)
+
+
+def _attitude_table(land: Sequence[Row]) -> str:
+    """A line per attitude over land."""
+    lines = []
+    for attitude in ATTITUDES:
+        mine = [r for r in land if r["case"].endswith(f"/{attitude}")]
+        if mine:
+            h = _hours_of(mine)
+            frames = Score(**{name: sum(r[name] for r in mine) for name in FRAMES})
+            least = min(mine, key=lambda r: r["after_start"])
+            worst = f"{number(least['after_start'])} {least['case'].split('/')[1]}"
+            shares = number(h["available"], 3), worst, number(h["largest_m"], 1)
+            lines.append([attitude, *shares, number(frames.pd), number(frames.pd_3pct)])
+    return table(["attitude", "available", "least", "largest error / m", "Pd per frame", "5 m or 3 %"], lines)
 
 
 def _headline(rows: Sequence[Row], by_case: Sequence[Row], default: str) -> dict[str, Any]:
@@ -231,6 +302,7 @@ def _event_table(events: Sequence[Row]) -> str:
 
 def _times(rows: Sequence[Row]) -> str:
     """Median CPU time of 1000 frames of each method with its altimeter and tracker."""
+    rows = [r for r in rows if r["kind"] not in LONG]
     methods = dict.fromkeys(r["method"] for r in rows)
     medians = {m: np.median([r["ms_per_frame"] for r in rows if r["method"] == m]) for m in methods}
     return ", ".join(f"{m} {v:.2f} s" for m, v in medians.items()) + f" ({BLOCK} frames at a time)"

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
+from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
+from ...core.receiver.frame_quality import FrameQuality
 from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point, Study
@@ -24,18 +25,22 @@ from ...evaluation.results.integrity import (
 )
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
-from .cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
+from .beats import Beats
+from .cases import BLOCK, KINDS, LONG, LONGER, WAVEFORM, Case, case_of, cases
 from .columns import EDGES, FRAMES, ROWS
-from .flights import Flight, fly
+from .flights import Flight, fly, rng_of
+from .long_flights import flight_of, spectra_of
 from .received import received
 
 # a track may start at any altitude: flights without a leakage calibration have no leakage
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
 # CPU time per frame of a scene's interference, of what a kind adds, and of the rest; `rehearsal` scales them
 _SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
-_KIND_MS = {"terrain": 8.0, "leakage": 1.0, "gear": 1.0, "fading": 1.5, "gnuradio": 1.0}
+_KIND_MS = {"land_jammed": 4.0, "leakage": 1.0, "gear": 1.0, "fading": 1.5, "gnuradio": 1.0}
 _KIND_MS |= {"bounce": 0.5, "nonlinear": 0.5}
 _BASE_S = 8e-4
+_LONG_MS = {"land": 0.6, "point": 0.2}  # the same of all that a long flight takes
+_ALONE_STEP = 8  # one frame of so many of a long flight is measured alone: altitudes of neighbours are alike
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,7 @@ def judge(
 ) -> dict[str, Judged]:
     """Tracked and per-frame altitudes of each chain from the same received frames."""
     altimeter = shared_altimeter(WAVEFORM, chains[0].settings)
+    examine = FrameQuality(WAVEFORM, altimeter.settings.max_altitude_m)
     trackers = {chain: AltitudeTracker(altimeter, TRACKER) for chain in chains}
     outputs, results = {c: [] for c in chains}, {c: [] for c in chains}
     spent = dict.fromkeys(chains, 0.0)
@@ -59,10 +65,11 @@ def judge(
     for method in methods.values():
         method.reset()
     for index, samples, offset_s in frames_of_flight:
-        received = altimeter.spectra(samples)
+        quality = examine(samples)
+        received = altimeter.spectra(samples, quality)
         for chain in chains:
             begin = time.thread_time()
-            spectra = altimeter.spectra(methods[chain].process(samples))
+            spectra = altimeter.spectra(methods[chain].process(samples, quality), quality)
             timing = {"frame_index": index, "timing_offset_s": offset_s}
             before = None if chain.method == "none" else received
             outputs[chain].append(trackers[chain].process(spectra, received=before, **timing))
@@ -76,6 +83,29 @@ def judge(
         )
         for c in chains
     }
+
+
+def judge_long(
+    case: Case, rng: np.random.Generator, frames: int, settings: AltimeterSettings
+) -> tuple[Flight, Judged]:
+    """A flight of the kinds `LONG` and its altitudes without mitigation, at the decimated rate; all of its CPU time.
+
+    One frame in eight is measured alone.
+    """
+    begin, altimeter = time.thread_time(), shared_altimeter(WAVEFORM, settings)
+    tracker, path = AltitudeTracker(altimeter, TRACKER), flight_of(case, frames, rng)
+    outputs, results, middle = [], [], []
+    for index, spectra, nearest in spectra_of(case, path, frames, Beats(altimeter), rng):
+        outputs.append(tracker.process(spectra, frame_index=index))
+        some = slice(None, None, _ALONE_STEP)
+        alone = Spectra(spectra.power[some], spectra.support[some], spectra.beat_hz, spectra.scale[some])
+        results.append(altimeter.detect(alone, frame_index=index[some]))
+        middle.append(nearest)
+    true = np.concatenate(middle)
+    step = np.gradient(true)
+    ms = 1e3 * (time.thread_time() - begin) / frames
+    judged = Judged(_complete(outputs, frames), np.concatenate(results), ms)
+    return Flight(true, true + 0.5 * step, step / WAVEFORM.sweep_s), judged
 
 
 def _complete(parts: list[np.ndarray], frames: int) -> np.ndarray:
@@ -109,7 +139,7 @@ class IntegrityStudy(ChainStudy):
     kinds : tuple of str
         Names in `cases.KINDS`.
     frames : int
-        Frames per flight, a multiple of 40.
+        Frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many.
     allowed_m_per_s : float
         Vertical speed that altimeter and tracker allow; up to 10 m/s are flown.
     parts : int
@@ -132,6 +162,7 @@ class IntegrityStudy(ChainStudy):
         "events.csv": "data/integrity_events.csv",
         "figures/integrity_stanford.png": "figures/integrity_stanford.png",
         "figures/integrity_sir.png": "figures/integrity_sir.png",
+        "figures/integrity_land.png": "figures/integrity_land.png",
     }
 
     @property
@@ -152,13 +183,22 @@ class IntegrityStudy(ChainStudy):
     def points(self) -> Sequence[IntegrityPoint]:
         """The first flight of every case, then the second, and so on."""
         return [
-            IntegrityPoint(f"{case.name}:{part}", self.frames, case=case.name, part=part)
+            IntegrityPoint(f"{case.name}:{part}", self.frames_of(case), case=case.name, part=part)
             for part in range(self.parts)
             for case in cases(self.kinds)
+            if case.kind not in LONG or "none" in self.methods
         ]
+
+    def frames_of(self, case: Case) -> int:
+        """Frames of a flight."""
+        return self.frames * (LONGER if case.kind in LONG else 1)
 
     def flown(self, case: Case, batch: int) -> tuple[Flight, dict[str, Judged]]:
         """One flight and what every method makes of it."""
+        if case.kind in LONG:
+            rng = rng_of(case, self.seed, batch, 0)
+            flight, judged = judge_long(case, rng, self.frames_of(case), self.settings)
+            return flight, {"none": judged}
         flight = fly(case, self.seed, batch, self.frames)
         return flight, judge(received(case, flight, self.seed, batch), self.frames, self.chains)
 
@@ -172,6 +212,8 @@ class IntegrityStudy(ChainStudy):
     def seconds(self, point: Point) -> float:
         """See `Study`."""
         case = case_of(point.case)
+        if case.kind in LONG:
+            return 1e-3 * point.frames * _LONG_MS[case.kind]
         ms = _SCENE_MS.get(case.scene, 0.1) + _KIND_MS.get(case.kind, 0.0) + 0.1 * len(self.methods)
         return point.frames * (_BASE_S + 1e-3 * ms + self.seconds_per_frame())
 
@@ -195,6 +237,10 @@ def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
     frames = score_frames(results, flight.middle_m[results["frame_index"]])
     return {
         **vars(integrity(outputs, truth, limit)),
+        "altitude_m": float(np.mean(truth)),
+        "misleading_events": _events_of(error_m(outputs, truth) > outputs["protection_level_m"]),
+        "hazardous_events": _events_of(is_hazardous(outputs, truth, limit)),
+        "largest_m": float(np.nanmax(error_m(outputs, truth), initial=0.0)),
         "first_s": time_to_first_s(outputs, sweep_s),
         "alert_s": alert,
         "unalerted": int(np.isinf(alert)),
@@ -203,6 +249,11 @@ def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
         "stanford": " ".join(f"{i},{j},{counts[i, j]}" for i, j in np.argwhere(counts)),
         "ms_per_frame": judged.ms_per_frame,
     }
+
+
+def _events_of(which: np.ndarray) -> int:
+    """Runs of outputs of which something is true."""
+    return int(np.count_nonzero(np.diff(which.astype(int), prepend=0) == 1))
 
 
 def _limit_m(outputs: np.ndarray, truth: np.ndarray) -> np.ndarray:
