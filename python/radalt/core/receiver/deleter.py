@@ -10,9 +10,6 @@ from .summed_block import OWN_CELLS, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
-# Mean over ten blocks of the normalised innovation squared, above which a track contradicts its measurements. A
-# consistent track has 1 and exceeds 8 in none of 1e9 blocks (chi square of ten values).
-_INCONSISTENT = 8.0
 # Blocks in a row in which a place has to be vacant. One alone may be a fade; with three, a step of the ground costs one
 # output more, and no pull-off was found in which that made a difference (docs/tracker.md).
 _VACANT_BLOCKS = 2
@@ -23,7 +20,7 @@ _PLACE_SIGMAS, _LEAST_PLACE_CELLS, _MOST_PLACE_CELLS = 4.0, 0.5, 3.0
 
 
 class Deleter:
-    """Ends tracks: after a time without measurements, where measurements contradict them, at a step of the ground.
+    """Ends tracks: after a time without measurements, or at a step of the ground.
 
     After a second without measurement a track ends (`TrackerSettings.coast_s`). The search never stops: a step of the
     ground is a new candidate, which takes over once it is confirmed and nothing is left at the track's place. While
@@ -64,10 +61,6 @@ class Deleter:
             track.hits = 0
         return track.missed * s.output_s > s.coast_s
 
-    def inconsistent(self, track: Track) -> bool:
-        """Whether a track's innovations exceed what its filter expects by far."""
-        return track.filter.nis > _INCONSISTENT
-
     def replaced(self, track: Track, candidates: Iterable[Track]) -> bool:
         """Whether the ground has stepped: nothing is left at the track's place, and a candidate is confirmed."""
         return not track.seen and any(c.hits >= self.settings.confirm_outputs for c in candidates)
@@ -85,7 +78,7 @@ class Deleter:
         if watched is None:
             return
         block = scan.block
-        found = block.best(block.prominent(np.ones(block.table.shape, dtype=bool)))
+        found = block.best()
         if found is None or found.strength < self.threshold:
             watched.vacant = 0
             return

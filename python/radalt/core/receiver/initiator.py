@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .deleter import Deleter
 from .gate import Gate
 from .scan import Scan
 from .summed_block import Measurement
@@ -31,8 +30,6 @@ class Initiator:
     gate : Gate
     updater : Updater
         Continues candidates as it does tracks.
-    deleter : Deleter
-        Says which contradict themselves.
     settings : TrackerSettings
     lowest_start_m : float
         Below it no candidate starts: leakage is as static as hovering ground, and without a calibration nothing
@@ -49,12 +46,11 @@ class Initiator:
         self,
         gate: Gate,
         updater: Updater,
-        deleter: Deleter,
         settings: TrackerSettings,
         lowest_start_m: float = -np.inf,
     ) -> None:
         self.lowest_start_m = lowest_start_m
-        self.gate, self.updater, self.deleter, self.settings = gate, updater, deleter, settings
+        self.gate, self.updater, self.settings = gate, updater, settings
         self.tables = gate.tables
         self.threshold = updater.integrity.search_threshold
         self.candidates: list[Track] = []
@@ -68,8 +64,7 @@ class Initiator:
         kept: list[Track] = []
         for candidate in sorted(self.candidates, key=lambda c: -c.hits):
             found = self.updater.update(candidate, scan)
-            fits = found is not None and not self.deleter.inconsistent(candidate)
-            if fits and not self._is_tracked(found, [*tracks, *kept]):
+            if found is not None and not self._is_tracked(found, [*tracks, *kept]):
                 kept.append(candidate)
         self.candidates = kept
 
@@ -81,7 +76,7 @@ class Initiator:
         allowed = np.ones(block.table.shape, dtype=bool)
         for track in tracks:
             allowed &= block.away_from(track.latest)
-        found = block.best(block.prominent(allowed))
+        found = block.best(allowed)
         strong = found is not None and found.strength >= self.threshold
         strong = strong and self.gate.allowed_speed(found) and not self._is_tracked(found, self.candidates)
         strong = strong and scan.corrected(found).altitude_m >= self.lowest_start_m

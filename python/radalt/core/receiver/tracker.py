@@ -107,7 +107,7 @@ class AltitudeTracker:
         self._repeated_noise = RepeatedNoise(altimeter, self.frames) if noise and moves else None
         self._updater = Updater(gate, self._integrity)
         self._deleter = Deleter(gate, settings, self._integrity.search_threshold)
-        self._initiator = Initiator(gate, self._updater, self._deleter, settings, lowest_start_m)
+        self._initiator = Initiator(gate, self._updater, settings, lowest_start_m)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)
@@ -299,9 +299,6 @@ class AltitudeTracker:
             found = self._updater.update(self._track, scan)
             measured = found or self._updater.keep(self._track, scan)
             state = State.TRACK if measured else self._missed()
-            if measured and self._deleter.inconsistent(self._track):
-                found, state = None, State.LOST
-                self._end()
             normal = found is not None and self._integrity.undisputed(self._track, scan, found)
         measured_tracks = [self._track] if self._track is not None and self._track.missed == 0 else []
         self._initiator.update(scan, measured_tracks)
