@@ -2,13 +2,14 @@
 
 `__all__` is what one calls from Python; it needs no GNU Radio (`radalt.api`). `radalt.<block>` is the class `<block>`
 of `blocks/<block>.py`, a GNU Radio block. Each is imported on first use, so that a program loads, and needs, only what
-it contains; `dir(radalt)` lists them.
+it contains; `dir(radalt)` lists them where GNU Radio is.
 
 Installed by CMake, Python packages lie in lib/gr-radalt of the same prefix. They come last on Python's path, so that
 GNU Radio and other modules keep the NumPy they were built for.
 """
 
-import importlib
+import contextlib
+import importlib.util
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from .api import Names, Report, evaluate, method, simulate
     from .core.mitigation import Mitigation
     from .core.receiver.altimeter import Altimeter, AltimeterSettings
+    from .core.receiver.auxiliary_cancel import AuxiliaryCancel
     from .core.receiver.tracker import AltitudeTracker, TrackerSettings
     from .core.scene import Scene, load_scene
     from .core.waveform import Waveform
@@ -40,6 +42,7 @@ _HOMES = {
     "AltimeterSettings": "core.receiver.altimeter",
     "AltitudeTracker": "core.receiver.tracker",
     "TrackerSettings": "core.receiver.tracker",
+    "AuxiliaryCancel": "core.receiver.auxiliary_cancel",
     "Mitigation": "core.mitigation",
     "Report": "api",
     "Scene": "core.scene",
@@ -56,6 +59,7 @@ __all__ = [
     "Altimeter",
     "AltimeterSettings",
     "AltitudeTracker",
+    "AuxiliaryCancel",
     "Mitigation",
     "Report",
     "Scene",
@@ -98,4 +102,9 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_BLOCKS, *_SUBPACKAGES})
+    names = {*__all__, *(name for name in globals() if name.startswith("__"))}
+    with contextlib.suppress(
+        ImportError
+    ):  # a namespace package `gnuradio` with `radalt` only is no GNU Radio
+        names |= set(_BLOCKS) if importlib.util.find_spec("gnuradio.gr") else set()
+    return sorted(names)

@@ -30,8 +30,11 @@ _END_S = 5.0  # longest wait until a closed process has ended, s
 # byte: nanoseconds of CPU time and diverged frames, a status (pickled), or the text of an error.
 _RESET, _STATUS = b"reset", b"status"
 _SPAN, _DONE = struct.Struct("<ii?"), struct.Struct("<cqq")
-# Environment for one thread of linear algebra: matrices are small, and a second would take the flowgraph's core.
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+# Environment of the process: one thread of linear algebra, since matrices are small, and a second would take the
+# flowgraph's core; freed memory is kept (glibc, up to 1 GB), or a request's arrays would be mapped page by page again.
+_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"} | dict.fromkeys(
+    ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"), str(1 << 30)
+)
 # Program of the process. It imports this module by the parent's name and path, so that the parent's plugins register
 # with the same package, and no GNU Radio.
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link}, {memory})"
@@ -182,7 +185,7 @@ def _start(link: Connection, memory: int) -> subprocess.Popen:
         [sys.executable, "-c", program],
         pass_fds=(link.fileno(), memory),
         stdin=subprocess.DEVNULL,
-        env=os.environ | _ONE_THREAD,
+        env=os.environ | _ENVIRONMENT,
     )
 
 

@@ -99,7 +99,7 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     starts = range(0, config.approach.frames, step)
     heights = np.array([approach_frames(config, k, 1).height_m[0] for k in starts])
     shown = (metres >= 0) & (metres <= min(1.3 * heights.max() + 50, metres.max()))
-    figure = new_figure(13, 4.2)
+    figure = new_figure(8, 3.3)
     axes = figure.subplots(1, 3, sharey=True)
     for axis, (name, lines) in zip(axes, panels.items(), strict=True):
         with np.errstate(divide="ignore"):
@@ -111,7 +111,7 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
         axis.set(title=name, xlabel="time / s")
     figure.suptitle(_sent(config), fontsize=9)
     axes[0].set_ylabel("range / m")
-    figure.colorbar(picture, ax=axes, label="power of both half sweeps / dB of the frame's peak")
+    figure.colorbar(picture, ax=axes, label="power / dB of the frame's peak")
     return _save(figure, folder, "figure_1_range_time.png")
 
 

@@ -73,10 +73,6 @@ class GroundGrid:
     def __post_init__(self) -> None:
         check_range("ground", self, seed=(0, 2**63 - 1), cells_per_radius=(4, 256))
 
-    def cell_m(self, radius_m: float) -> float:
-        """Cell size in metres used for a footprint of a radius."""
-        return float(2.0 ** np.floor(np.log2(radius_m / self.cells_per_radius)))
-
     def facets(
         self, state: AircraftState, terrain: TerrainModel, off_nadir_rad: float, beam_rad: float | None = None
     ) -> Facets:
@@ -108,7 +104,8 @@ class GroundGrid:
                 f"{state.altitude_m:.2f} m, terrain {ground_m:.2f} m); at least {MIN_HEIGHT_M} m is needed:"
                 " check datum and altitude offset"
             )
-        cell = self.cell_m(height * np.tan(off_nadir_rad if beam_rad is None else beam_rad))
+        radius_m = height * np.tan(off_nadir_rad if beam_rad is None else beam_rad)
+        cell = float(2.0 ** np.floor(np.log2(radius_m / self.cells_per_radius)))
         lat, lon, area, amplitude = self._scatterers(state, cell, height * np.tan(off_nadir_rad))
         elevation, slope_e, slope_n = terrain.height_and_slope(lat, lon)
         offset = geodetic_to_ecef(lat, lon, elevation) - geodetic_to_ecef(

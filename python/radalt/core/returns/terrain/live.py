@@ -38,15 +38,10 @@ class LandingProfile:
         if self.frames < 2:
             raise ValueError(f"landing.frames is {self.frames}; it has to be at least 2")
 
-    @property
-    def time_s(self) -> np.ndarray:
-        """(frames,) instants of the frames' middles."""
-        return np.linspace(self.start_s, self.end_s, self.frames)
-
     @cached_property
     def states(self) -> list[AircraftState]:
         """Aircraft states, one per frame."""
-        return self.flight.states(self.time_s)
+        return self.flight.states(np.linspace(self.start_s, self.end_s, self.frames))
 
     @cached_property
     def altitude_m(self) -> np.ndarray:

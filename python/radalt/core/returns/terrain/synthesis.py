@@ -103,11 +103,7 @@ def _half_sweep(
 
 def _powers(z: np.ndarray, count: int) -> np.ndarray:
     """(count, n) powers 0..count-1 of unit phasors."""
-    out = np.empty((count, z.size), dtype=complex)
-    out[0] = 1.0
-    for p in range(1, count):
-        np.multiply(out[p - 1], z, out=out[p])
-    return out
+    return np.cumprod(np.concatenate([np.ones((1, z.size)), np.broadcast_to(z, (count - 1, z.size))]), axis=0)
 
 
 @lru_cache(maxsize=32)

@@ -245,14 +245,10 @@ class Trajectory:
         points = np.stack([self.latitude_deg, self._longitude_deg, self.altitude_m], axis=1)
         return PchipInterpolator(self.time_s, points)
 
-    @cached_property
-    def _rate(self) -> PchipInterpolator:
-        return self._position.derivative()
-
     def _velocity(self, time_s: np.ndarray) -> np.ndarray:
         """(n, 3) east, north, up velocities."""
         lat, _, altitude = self._position(time_s).T
-        dlat, dlon, dalt = self._rate(time_s).T
+        dlat, dlon, dalt = self._position(time_s, 1).T
         meridian, prime = curvature_radii_m(lat)
         east = (prime + altitude) * np.cos(np.radians(lat)) * np.radians(dlon)
         return np.stack([east, (meridian + altitude) * np.radians(dlat), dalt], axis=1)
