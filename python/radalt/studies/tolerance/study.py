@@ -350,9 +350,3 @@ class ToleranceStudy(Study):
         """Least level of Table 1 in dBW/m^2/MHz within a carrier outside the band, else that of the band."""
         at_hz, side = kind.center_hz or profile.carrier_hz, 0.5 * (kind.bandwidth_hz or 0.0) * kind.blocker
         return float(pfd_dbw_per_m2_mhz(np.linspace(at_hz - side, at_hz + side, 99)).min())
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`: 3 ms per frame once, then some 12 levels per altitude at 0.5 ms (1.7 ms with a method)."""
-        samples = _profile(point.profile).waveform.samples_per_frame / 10752
-        each = 0.5e-3 if point.method == "none" else 1.7e-3
-        return point.frames * samples * (3e-3 + 12 * len(self.altitudes_ft) * each)
