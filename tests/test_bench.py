@@ -13,13 +13,15 @@ from radalt.bench.board import check_rows, stored_rows, verdict
 from radalt.bench.entry import Entry, run
 from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
-from radalt.bench.paired import paired
+from radalt.bench.paired import curves, paired
 from radalt.bench.rows import read_rows, row_of
+from radalt.bench.views.cost import summaries, summary_table
 from radalt.bench.views.null import false_altitudes
 from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
 from radalt.evaluation.flowgraph.generate import prepare
 from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.results.break_point import break_point_of
 from radalt.evaluation.results.rows import bits, unbits
 from radalt.evaluation.results.score import trials_of
 
@@ -88,6 +90,30 @@ def test_stored_rows_are_of_their_list(name):
     seeds = {(c.name, c.overlap): {c.at(level).seed for level in c.levels_db} for c in cases.cases}
     assert {(row["case"], row["overlap"]) for row in rows} == seeds.keys()
     assert all(row["seed"] in seeds[row["case"], row["overlap"]] for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("case", "overlap", "entry"),
+    [
+        ("qpsk_received", 1.0, "hybrid"),
+        ("qpsk_rectangular", 1.0, "tcae"),
+        ("nr5", 1.0, "tcae"),
+        ("nr5", 1.0, "time_frequency"),
+        ("nr10", 1.0, "ofdm_cancel"),
+        ("mixture", 0.3, "blanking"),
+    ],
+)
+def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, case, overlap, entry):
+    rows = read_rows(stored_rows("standard"))
+    at = break_point_of(curves(rows)[case, overlap][entry])
+    page = (root / "docs/methods.md").read_text("utf-8")
+    assert f"{at.sir_db:.0f} dB ({at.low_db:.0f} to {at.high_db:.0f})" in page
+
+
+def test_the_page_of_methods_has_the_table_of_the_stored_rows(root):
+    rows = read_rows(stored_rows("standard"))
+    made = summary_table(summaries(rows, list(dict.fromkeys(row["entry"] for row in rows))))
+    assert made in (root / "docs/methods.md").read_text("utf-8")
 
 
 def test_stored_rows_can_be_measured_again():

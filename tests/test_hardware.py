@@ -18,6 +18,7 @@ from gnuradio import blocks, gr, radalt
 from hostile import write_scene
 from uhd_double import RADIO
 
+from radalt.core.channel.auxiliary import AuxiliarySettings
 from radalt.core.radio.calibration import (
     CalibrationError,
     CalibrationKey,
@@ -144,6 +145,24 @@ def test_saturation_is_counted(air):
     assert result.segmenter["saturated_frames"] >= 12
 
 
+def two_channels(**radio):
+    return dataclasses.replace(a_scene(**radio), auxiliary=AuxiliarySettings())
+
+
+def test_two_receive_channels_are_one_source_set_up_alike_but_for_their_gains(air):
+    result = fly(air, two_channels(auxiliary_attenuation_db=50.0, auxiliary_rx_gain_db=30.0))
+    source, tune = "radar Source", ("tune", 4.3e9, 6e6)
+    begin = next(k for k, call in enumerate(air.calls) if call[1] == "set_clock_source")
+    calls = [call[1:] for call in air.calls[begin:] if call[0] == source]
+    assert calls.index(("set_subdev_spec", "A:A A:B", 0)) < calls.index(("set_samp_rate", 7.5e6))
+    for channel, gain_db in enumerate((20.0, 30.0)):
+        own = [call for call in calls if call[-1] == channel and call[0] in ("set_gain", "set_center_freq")]
+        assert own == [("set_gain", gain_db, channel), ("set_center_freq", tune, channel)]
+        assert {("set_antenna", "RX2", channel), ("set_rx_agc", False, channel)} <= set(calls)
+    frames = result.results["none"]
+    assert frames["valid"][frames["frame_index"] < 20].sum() >= 18
+
+
 def test_one_b210_without_jammer(air):
     fly(air, a_scene(jammer=False, clock_source="internal"))
     assert {call[0] for call in air.calls} == {"radar Sink", "radar Source"}
@@ -256,6 +275,26 @@ def test_interlock_refuses_what_could_harm(radio, message):
         require_enclosure(a_scene(**radio), True)
     # one radio needs no serial
     require_enclosure(a_scene(jammer=False, radar_serial="", jammer_serial=""), True)
+
+
+@pytest.mark.parametrize(
+    ("radio", "message"),
+    [
+        ({}, r"radio\.auxiliary_attenuation_db is 0 with a cabled set-up"),
+        (
+            {"auxiliary_attenuation_db": 30.0, "jammer_tx_gain_db": 89.75},
+            "raise auxiliary_attenuation_db by 5.0 dB",
+        ),
+        (
+            {"auxiliary_attenuation_db": 40.0, "master_clock_hz": 60e6},
+            r"with two receive channels a B210 has at most 3\.072e\+07",
+        ),
+    ],
+)
+def test_interlock_knows_both_inputs(radio, message):
+    with pytest.raises(InterlockError, match=message):
+        require_enclosure(two_channels(**radio), True)
+    require_enclosure(two_channels(auxiliary_attenuation_db=40.0), True)
 
 
 def test_a_sweep_beyond_the_radio_is_refused():

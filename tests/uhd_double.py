@@ -204,7 +204,8 @@ class Source(_Radio, gr.sync_block):
     """``uhd.usrp_source``."""
 
     def __init__(self, air: Air, args: str, stream_args, *rest) -> None:
-        gr.sync_block.__init__(self, "double_source", None, [np.complex64])
+        channels = max(1, len(stream_args.channels))
+        gr.sync_block.__init__(self, "double_source", None, [np.complex64] * channels)
         self._init_radio(air, args, stream_args)
         self._rng = np.random.default_rng(5)
 
@@ -228,6 +229,8 @@ class Source(_Radio, gr.sync_block):
         gain = 0.0 if self.device in self.air.deaf else self.air.gain
         received = np.float32(gain) * samples + np.float32(1e-3) * noise
         out[: samples.size] = np.clip(received.view(np.float32), -1, 1).view(np.complex64)
+        for second in output_items[1:]:  # in the antenna's shadow: the same 20 dB weaker, and its own noise
+            second[: samples.size] = np.float32(0.1) * (received + 1e-3j * noise.conj())
         return samples.size
 
     def stop(self) -> bool:

@@ -184,10 +184,12 @@ def rows(
         cells = (
             text,
             ", ".join(filter(None, (wanted(hint), unit(field.name)))),
-            shown(default),
+            "one, as below" if nested else shown(default),
             allowed((*path, field.name), hint),
         )
         out.append(f"| `{key}` | " + " | ".join(cells) + " |")
+        if nested:
+            out += rows(nested[0], (*path, field.name), within=f"{key}[].")
     return out
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .api import Names, Report, evaluate, method, simulate
     from .core.mitigation import Mitigation
     from .core.receiver.altimeter import Altimeter, AltimeterSettings
+    from .core.receiver.auxiliary_cancel import AuxiliaryCancel
     from .core.receiver.tracker import AltitudeTracker, TrackerSettings
     from .core.scene import Scene, load_scene
     from .core.waveform import Waveform
@@ -40,6 +41,7 @@ _HOMES = {
     "AltimeterSettings": "core.receiver.altimeter",
     "AltitudeTracker": "core.receiver.tracker",
     "TrackerSettings": "core.receiver.tracker",
+    "AuxiliaryCancel": "core.receiver.auxiliary_cancel",
     "Mitigation": "core.mitigation",
     "Report": "api",
     "Scene": "core.scene",
@@ -56,6 +58,7 @@ __all__ = [
     "Altimeter",
     "AltimeterSettings",
     "AltitudeTracker",
+    "AuxiliaryCancel",
     "Mitigation",
     "Report",
     "Scene",

@@ -104,6 +104,7 @@ def simulate(
     altitude_m: float | Iterable[float] | None = None,
     frames: int | None = None,
     seed: int | None = None,
+    auxiliary: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Received frames of a scene, aligned with the sweep, and the altitudes that they were made for.
 
@@ -124,11 +125,13 @@ def simulate(
         How many, spread evenly over the altitudes; default the scene's number at each altitude.
     seed : int, optional
         Everything random follows from it; default the scene's.
+    auxiliary : bool
+        Frames of both receive channels, of a scene with ``auxiliary``, before `AuxiliaryCancel`.
 
     Returns
     -------
     (n, N) complex64, (n,) float64
-        Frames and true altitudes in metres.
+        Frames, or (n, 2, N) of both channels, and true altitudes in metres.
 
     Raises
     ------
@@ -143,7 +146,7 @@ def simulate(
     ((6, 7500), array([300., 300., 300., 100., 100., 100.]))
     """
     from .evaluation.overlap.points import changed
-    from .evaluation.simulation import received
+    from .evaluation.simulation import both_received
 
     chosen = scene if isinstance(scene, Scene) else load_scene(scene)
     chosen = changed(
@@ -156,12 +159,20 @@ def simulate(
         channel = dataclasses.replace(chosen.channel, start_offset_samples=float(n), drops=DropSettings())
         chosen = dataclasses.replace(chosen, channel=channel)
         programme = chosen.altitude.programme
-        pieces = list(received(chosen, programme.total_frames + 1, trials_only=True))
+        if auxiliary and chosen.auxiliary is None:
+            raise ValueError(
+                "it has one receive channel; give it a section auxiliary, or leave auxiliary off"
+            )
+        pieces = list(both_received(chosen, programme.total_frames + 1, trials_only=True))
     except ValueError as error:
         raise SceneError(f"scene {chosen.name}: {error}") from None
     trial = np.flatnonzero(programme.is_trial(np.arange(programme.total_frames)))[:frames]
-    rows = np.concatenate([samples for _, samples in pieces]).reshape(-1, n)
-    return rows[trial + 1 - pieces[0][0] // n], programme.altitude_m(trial)
+    at, truth_m = trial + 1 - pieces[0][0] // n, programme.altitude_m(trial)
+    first = np.concatenate([samples for _, samples, _ in pieces]).reshape(-1, n)[at]
+    if not auxiliary:
+        return first, truth_m
+    second = np.concatenate([samples for *_, samples in pieces if samples is not None]).reshape(-1, n)[at]
+    return np.stack([first, second], axis=1), truth_m
 
 
 def _numbers(values: Numbers) -> tuple[float, ...] | None:

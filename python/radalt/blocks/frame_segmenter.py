@@ -11,6 +11,7 @@ from gnuradio import gr
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
+from ..core.receiver.auxiliary_samples import AuxiliarySamples
 from ..core.receiver.frame_quality import FrameQuality
 from ..core.receiver.leakage import ground_is_apart
 from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
@@ -66,7 +67,8 @@ class frame_segmenter(gr.basic_block):
 
     Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``),
     ``tracked: message`` (optional: `altitude_tracker`'s) ``> frames: complex vector of N``, ``status: message``
-    (dictionary of state, lock quality and counters).
+    (dictionary of state, lock quality and counters). With ``auxiliary`` also ``auxiliary: complex > auxiliary: complex
+    vector of N``, cut at the same sample counters.
 
     Parameters
     ----------
@@ -83,24 +85,39 @@ class frame_segmenter(gr.basic_block):
         here for a second, or exceed this number, are dropped, and for a second afterwards none wait here. At most 95
         frames therefore wait for a method that is always too slow. Leave it off in simulation, where waiting loses
         nothing.
+    auxiliary : bool
+        Whether the ports of the second receive channel exist.
 
     Example
     -------
     ``seg = radalt.frame_segmenter(scene)``
     """
 
-    def __init__(self, scene: Scene, follow_programme: bool = True, drop_when_slow: bool = False) -> None:
-        n = scene.waveform.samples_per_frame
-        gr.basic_block.__init__(self, "radalt_frame_segmenter", [np.complex64], [(np.complex64, n)])
+    def __init__(
+        self,
+        scene: Scene,
+        follow_programme: bool = True,
+        drop_when_slow: bool = False,
+        auxiliary: bool = False,
+    ) -> None:
+        n, ports = scene.waveform.samples_per_frame, 1 + bool(auxiliary)
+        gr.basic_block.__init__(
+            self, "radalt_frame_segmenter", [np.complex64] * ports, [(np.complex64, n)] * ports
+        )
         self._rate = scene.waveform.rate_hz
         self._sent = SentAltitudes(scene.altitude.programme)
         self._known: Callable[[int], tuple[float, float]] | None = self._sent.at if follow_programme else None
         self._follows_programme = bool(follow_programme)
         self.segmenter = segmenter_of(scene, follow_programme=bool(follow_programme))
+        self._second = AuxiliarySamples(self.segmenter) if auxiliary else None
         if not follow_programme and scene.altimeter.max_altitude_m is None:
             self.logger.warn(
                 f"altitudes above {scene.altimeter_settings.max_altitude_m:g} m, the highest of altitude.programme_m, "
                 "are not searched; altimeter.max_altitude_m says how high to search"
+            )
+        if scene.auxiliary is not None and not auxiliary:
+            self.logger.warn(
+                f"scene {scene.name} has two receive channels, and this flowgraph uses the first alone"
             )
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
@@ -219,7 +236,7 @@ class frame_segmenter(gr.basic_block):
             self.segmenter.reacquire()
         # consume no more samples than the output, or the queue of this block, has room for
         room = len(out) - self._kept_free - len(self._ready)
-        bite = input_items[0]
+        bite = input_items[0][: min(len(items) for items in input_items)]
         if room > 0 or not self.drop_when_slow:
             bite = bite[: max(1, room) * out.shape[1]]
         elif not bite.size:
@@ -227,30 +244,43 @@ class frame_segmenter(gr.basic_block):
         if self.segmenter.state == ACQUIRING and bite.size and not self._unusable:
             self._unusable = not np.abs(bite.view(np.float32)).max() <= _LARGEST  # NaN fails the comparison
         lend = room > 0  # frames may then be views of the input until they are copied to the output
-        self._take(bite, lend)
+        self._take(bite, lend, input_items[-1])
         self.has_heard |= bite.size > 0
         if self.arrivals is not None:
             self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
-        done = self._hand_on(out)
+        done = self._hand_on(output_items)
         if lend:
             for frame in self._ready:
                 frame.keep(bite)
-        self.consume(0, bite.size)  # from here on the input buffer may be overwritten
+        for port in range(len(input_items)):
+            self.consume(port, bite.size)  # from here on the input buffer may be overwritten
         if self.drop_when_slow:
             self._drop()
         self._report()
         return done
 
-    def _take(self, samples: np.ndarray, lend: bool) -> None:
+    def _take(self, samples: np.ndarray, lend: bool, second: np.ndarray) -> None:
         first, at = self.nitems_read(0), 0
         for tag in self.get_tags_in_window(0, 0, samples.size, SENT_KEY):
             self._on_sent(tag.value)
         for tag in sorted(self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY), key=lambda t: t.offset):
             cut = tag.offset - first
-            self._ready.extend(self.segmenter.push(samples[at:cut], lend=lend))
-            self._ready.extend(self._on_time(tag.value))
+            self._push(samples[at:cut], lend, second[at:cut])
+            self._release(self._on_time(tag.value))
             at = cut
-        self._ready.extend(self.segmenter.push(samples[at:], lend=lend))
+        self._push(samples[at:], lend, second[at : samples.size])
+
+    def _push(self, samples: np.ndarray, lend: bool, second: np.ndarray) -> None:
+        if self._second is not None:
+            self._second.push(second)
+        self._release(self.segmenter.push(samples, lend=lend))
+
+    def _release(self, frames: list[Frame]) -> None:
+        """Frames are ready, with the second channel's samples of their time."""
+        if self._second is not None:
+            for frame, row in zip(frames, self._second.cut(frames), strict=True):
+                frame.auxiliary = row
+        self._ready.extend(frames)
 
     def _on_sent(self, value) -> None:  # noqa: ANN001 - a pmt
         """Store an altitude set by hand by the source's tag, unless `follow` gives the altitudes."""
@@ -277,11 +307,15 @@ class frame_segmenter(gr.basic_block):
             return []
         return self.segmenter.jump(counter - self.segmenter.sample_counter)
 
-    def _hand_on(self, out: np.ndarray) -> int:
+    def _hand_on(self, outputs: list[np.ndarray]) -> int:
+        out = outputs[0]
         first, done = self.nitems_written(0), max(0, min(len(self._ready), len(out) - self._kept_free))
         frames = [self._ready.popleft() for _ in range(done)]
         for row, frame in zip(out, frames, strict=False):
             row[:] = frame.samples
+        if self._second is not None:
+            for row, frame in zip(outputs[1], frames, strict=False):
+                row[:] = frame.auxiliary
         quality = self._quality(out[:done])
         if np.isfinite(self._full_scale):
             self.saturated_frames += int(np.count_nonzero(quality["peak"] >= 0.9999 * self._full_scale))

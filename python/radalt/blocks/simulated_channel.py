@@ -20,7 +20,8 @@ class simulated_channel(gr.basic_block):
     off by default. The first sample, and the first after every tagged gap, carries ``rx_time`` as UHD sets it. The
     source's tags ``radalt_altitude`` pass.
 
-    Category: [RadAlt]/Channel. Ports: ``radar: complex``, ``jammer: complex`` (optional) ``> out: complex``.
+    Category: [RadAlt]/Channel. Ports: ``radar: complex``, ``jammer: complex`` (optional) ``> out: complex``, and
+    ``auxiliary: complex`` (optional).
 
     Parameters
     ----------
@@ -31,17 +32,29 @@ class simulated_channel(gr.basic_block):
     realtime : bool
         Limit the throughput to the sample rate, as with radios; for live views. While the flowgraph takes no samples, a
         radio's would wait in its ring; here the clock waits, ``held_up_s`` in total, ``longest_hold_up_s`` at most.
+    auxiliary : bool
+        Whether the output of the second receive channel exists; the scene has to have the section ``auxiliary``.
 
     Example
     -------
     ``chan = radalt.simulated_channel(scene, jammer=True)``
     """
 
-    def __init__(self, scene: Scene, jammer: bool = True, realtime: bool = False) -> None:
-        gr.basic_block.__init__(
-            self, "radalt_simulated_channel", [np.complex64] * (2 if jammer else 1), [np.complex64]
-        )
+    def __init__(
+        self, scene: Scene, jammer: bool = True, realtime: bool = False, auxiliary: bool = False
+    ) -> None:
+        inputs, outputs = [np.complex64] * (2 if jammer else 1), [np.complex64] * (2 if auxiliary else 1)
+        gr.basic_block.__init__(self, "radalt_simulated_channel", inputs, outputs)
+        if scene.auxiliary is not None and len(scene.auxiliary.directions) > 1:
+            raise ValueError(
+                f"scene {scene.name}: auxiliary.directions has {len(scene.auxiliary.directions)} entries, and a "
+                "flowgraph's jammer has one antenna; give one direction, or use radalt.evaluate or radalt bench"
+            )
         self.channel = channel_of(scene)
+        if auxiliary and self.channel.auxiliary is None:
+            raise ValueError(
+                f"scene {scene.name}: it has one receive channel; give it a section auxiliary, or leave auxiliary off"
+            )
         self._n = scene.waveform.samples_per_frame
         self._rate = scene.waveform.rate_hz
         self._tagged = scene.channel.drops.tagged
@@ -64,16 +77,21 @@ class simulated_channel(gr.basic_block):
         out = output_items[0]
         if self._realtime:
             self._wait()
-        used = min(out.size, *(len(items) for items in input_items)) // self._n * self._n
+        used = min(len(items) for items in (*output_items, *input_items)) // self._n * self._n
         jammer = input_items[1][:used] if len(input_items) > 1 else None
         done = 0
-        pieces = self.channel.process(input_items[0][:used], jammer, out[:used]) if used else ()
+        second = output_items[1] if len(output_items) > 1 else None
+        into = out[:used], None if second is None else second[:used]
+        pieces = self.channel.process(input_items[0][:used], jammer, *into) if used else ()
         for counter, samples in pieces:
             if counter != self._expected and (self._tagged or self._expected is None):
                 tag = time_tag(counter, self._rate)
                 self.add_item_tag(0, self.nitems_written(0) + done, RX_TIME_KEY, tag)
             if counter != self._first + done:  # samples were lost before these
                 out[done : done + samples.size] = samples
+                if second is not None:
+                    begin = counter - self._first
+                    second[done : done + samples.size] = second[begin : begin + samples.size].copy()
             done += samples.size
             self._expected = counter + samples.size
         self._first += used

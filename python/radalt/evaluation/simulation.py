@@ -5,6 +5,7 @@ The flowgraph's blocks are adapters over these objects (`core.scene.build`), so 
 
 import contextlib
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,10 +14,11 @@ import numpy as np
 
 from ..core.mitigation import METHODS, Mitigation, create, method_class
 from ..core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
+from ..core.receiver.auxiliary_samples import AuxiliarySamples
 from ..core.receiver.frame_quality import FrameQuality
 from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
-from ..core.scene.build import channel_of, jammer_of, segmenter_of, sweeps_of
+from ..core.scene.build import canceller_of, channel_of, jammers_of, segmenter_of, sweeps_of
 
 # Sweeps after the last trial: latency is up to one frame, and the segmenter releases a frame after the next one. The
 # flowgraph's variable `frames` uses this number, too.
@@ -41,42 +43,64 @@ class PointResult:
 def received(
     scene: Scene, frames: int, *, radar_sends: bool = True, trials_only: bool = False
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps.
+    """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps; see `both_received`."""
+    both = both_received(scene, frames, radar_sends=radar_sends, trials_only=trials_only)
+    return ((counter, samples) for counter, samples, _ in both)
+
+
+def both_received(
+    scene: Scene, frames: int, *, radar_sends: bool = True, trials_only: bool = False
+) -> Iterator[tuple[int, np.ndarray, np.ndarray | None]]:
+    """(sample counter, complex64 samples, samples of the second channel or None) of pieces of ``frames`` sweeps.
 
     A jump of the counter is a gap; the arrays are never overwritten. Without ``radar_sends`` the radar sends zeros.
     With ``trials_only`` it begins as late before the first trial as leaves the trials as they are.
     """
-    sweeps, channel = sweeps_of(scene), channel_of(scene)
-    jammer = jammer_of(scene) if scene.has_jammer else None
+    sweeps, channel, jammers = sweeps_of(scene), channel_of(scene), jammers_of(scene)
     begin = 0
     if trials_only and channel.terrain is None:
         # a free-running jammer's window before the first trial reaches into it
         begin = max(0, scene.altitude.preamble_frames - max(channel.memory_frames, 1))
         channel.skip(begin)
-        if jammer is not None:
+        for jammer in jammers:
             jammer.frame_index = begin  # it is silent before the first trial
     for first in range(begin, frames, _AT_ONCE):
         count = min(_AT_ONCE, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
         if not radar_sends:
             radar[:] = 0
-        jam = None
-        if jammer is not None:
-            jam = np.concatenate([jammer.next_frame() for _ in range(count)])
-        yield from channel.process(radar, jam)
+        jam = [np.concatenate([jammer.next_frame() for _ in range(count)]) for jammer in jammers]
+        both = None if not jam else jam[0] if len(jam) == 1 else np.stack(jam)
+        second = None if channel.auxiliary is None else np.empty_like(radar)
+        for counter, samples in channel.process(radar, both, second=second):
+            at = counter - first * scene.waveform.samples_per_frame
+            yield counter, samples, None if second is None else second[at : at + samples.size]
 
 
 def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
-    """Frames of a scene from its segmenter (`segmenter_of`), in groups."""
+    """Frames of a scene from its segmenter (`segmenter_of`), in groups; with a second channel behind the canceller."""
     tagged, expected = scene.channel.drops.tagged, None
-    for counter, samples in received(scene, scene.altitude.programme.total_frames + TAIL_FRAMES):
+    canceller, kept = canceller_of(scene), AuxiliarySamples(segmenter)
+
+    def cleaned(frames: list[Frame]) -> list[Frame]:
+        if canceller is not None and frames:
+            samples = canceller.process(np.stack([frame.samples for frame in frames]), kept.cut(frames))
+            for frame, row in zip(frames, samples, strict=True):
+                frame.samples = row
+        return frames
+
+    for counter, samples, second in both_received(scene, scene.altitude.programme.total_frames + TAIL_FRAMES):
         frames: list[Frame] = []
         if expected is None:
             segmenter.reset(counter)
         elif counter != expected and tagged:
-            frames = segmenter.jump(counter - segmenter.sample_counter)
+            frames = cleaned(segmenter.jump(counter - segmenter.sample_counter))
         expected = counter + samples.size
-        yield frames + segmenter.push(samples, lend=True)
+        if second is not None:
+            kept.push(second)
+        yield frames + cleaned(segmenter.push(samples, lend=True))
+    if canceller is not None and canceller.status()["off"]:
+        warnings.warn(f"scene {scene.name}, second channel: {canceller.status()['off']}", stacklevel=2)
 
 
 def found_latency(scene: Scene) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from ..programme import Programme
 from ..returns.landing import TerrainPlayer
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
+from .auxiliary import AuxiliaryReceiver, convert
 from .delay_line import HALF_TAPS, MOST_BLOCKS, STEPS, DelayLine
 from .noise import ReceiverNoise
 from .settings import ChannelSettings
@@ -29,6 +30,8 @@ class SimulatedChannel:
         Altitudes simulated as true delays with Doppler and carrier phase; None where the source shifts the beat.
     frames : int
         Length of the run in frames; gaps are spread over it.
+    auxiliary : AuxiliaryReceiver or None
+        The second receive channel.
 
     Notes
     -----
@@ -46,8 +49,10 @@ class SimulatedChannel:
         true_delay: Programme | None = None,
         terrain: TerrainPlayer | None = None,
         frames: int = 1000,
+        auxiliary: AuxiliaryReceiver | None = None,
     ) -> None:
         self.waveform, self.settings, self.true_delay = waveform, settings, true_delay
+        self.auxiliary = auxiliary
         self.terrain = terrain
         self.seed = seed
         self.rng = np.random.default_rng([seed, 0xC4A])
@@ -84,7 +89,15 @@ class SimulatedChannel:
         if settings.jammer_clock_ppm > 0:  # a fast jammer clock eats into the delay
             self._jammer_base += n
         slow = settings.jammer_clock_ppm < 0  # its delay grows by up to a frame
-        self._jammer = DelayLine(n, self._jammer_base + (n if slow else 0))
+        early, late = (0.0, 0.0) if auxiliary is None else np.multiply(auxiliary.reach_s, waveform.rate_hz)
+        if auxiliary is not None and self._jammer_base + early < HALF_TAPS:
+            raise ValueError(
+                f"channel.start_offset_samples and jammer_delay_samples are {self._jammer_base:g} together; a second "
+                f"channel needs {HALF_TAPS - early:.6g}, since its delay has a fraction"
+            )
+        directions = 1 if auxiliary is None else len(auxiliary.directions)
+        most = self._jammer_base + late + (n if slow else 0)
+        self._jammers = [DelayLine(n, most) for _ in range(directions)]
         self._noise = ReceiverNoise(n, [seed, 0x401])
         self._gaps = self._draw_gaps(frames)
         self._gains = self._draw_multipath(frames)
@@ -96,6 +109,7 @@ class SimulatedChannel:
             or self._gains is not None
             or settings.jammer_clock_ppm
             or settings.jammer_lo_offset_hz
+            or auxiliary is not None
         )
         self._at_once = 1 if changes else MOST_BLOCKS
 
@@ -132,12 +146,14 @@ class SimulatedChannel:
     @property
     def memory_frames(self) -> int:
         """Transmitted frames before one on which that may depend."""
-        return max(self._radar.memory_blocks, self._jammer.memory_blocks)
+        return max(self._radar.memory_blocks, self._jammers[0].memory_blocks)
 
     def skip(self, frames: int) -> None:
         """Start ``frames`` later: the `memory_frames` after it are then not received as they would have been."""
         self._block += frames
         self._noise.skip(frames)
+        if self.auxiliary is not None:
+            self.auxiliary.skip(frames)
 
     @property
     def gaps(self) -> tuple[tuple[int, int], ...]:
@@ -145,12 +161,17 @@ class SimulatedChannel:
         return tuple(self._gaps)
 
     def process(
-        self, radar: np.ndarray, jammer: np.ndarray | None = None, out: np.ndarray | None = None
+        self,
+        radar: np.ndarray,
+        jammer: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+        second: np.ndarray | None = None,
     ) -> list[tuple[int, np.ndarray]]:
         """Received pieces, as (sample counter, samples), of one or more frames of each transmitter.
 
         A gap is a jump of the counter. The samples do not depend on the number of frames per call, to the bit. If
-        ``out`` is given (complex64, as many samples), the pieces are views of it.
+        ``out`` is given (complex64, as many samples), the pieces are views of it. ``second`` takes as many samples of
+        the second channel, lost ones included. With several directions ``jammer`` has a row for each.
         """
         n = self._n
         if radar.ndim != 1 or not radar.size or radar.size % n:
@@ -159,27 +180,44 @@ class SimulatedChannel:
         pieces, step = [], n * self._at_once
         for first in range(0, radar.size, step):
             span = slice(first, first + step)
-            pieces += self._blocks(radar[span], None if jammer is None else jammer[span], out[span])
+            jam = None if jammer is None else jammer[..., span]
+            pieces += self._blocks(radar[span], jam, out[span], None if second is None else second[span])
         return pieces
 
     def _blocks(
-        self, radar: np.ndarray, jammer: np.ndarray | None, out: np.ndarray
+        self, radar: np.ndarray, jammer: np.ndarray | None, out: np.ndarray, second: np.ndarray | None
     ) -> list[tuple[int, np.ndarray]]:
         """As `process`, for at most as many frames as one push of the delay lines takes."""
         s, count = self.settings, radar.size // self._n
         self._radar.push(self.terrain.echo(self._block, radar) if self.terrain is not None else radar)
-        whole = out.reshape(count, self._n)
-        if jammer is None:
+        whole, gain = out.reshape(count, self._n), np.float32(10.0 ** (s.gain_db / 20.0))
+        if jammer is not None:
+            for line, part in zip(self._jammers, np.atleast_2d(jammer), strict=True):
+                line.push(part)
+        if self.auxiliary is not None:
+            echo = self._return(1)
+            read = None if jammer is None else self._read_direction
+            interference, other = self.auxiliary.receive(self._block, echo, read)
+            whole[:] = echo + interference
+            if second is not None:
+                second[:] = gain * other[0]
+                self.auxiliary.finish(second, 1, float(gain))
+        elif jammer is None:
             whole[:] = self._return(count)
         else:
-            self._jammer.push(jammer)
             np.add(self._return(count), self._interference(count), out=whole, dtype=np.complex64)
         if s.gain_db:
-            out *= np.float32(10.0 ** (s.gain_db / 20.0))
+            out *= gain
         self._impair(out)
+        if self.auxiliary is not None:
+            self.auxiliary.finish(out, 0, float(gain))
         first = self._block * self._n
         self._block += count
         return self._cut(first, out)
+
+    def _read_direction(self, direction: int, delay_s: float) -> np.ndarray:
+        """(1, N) interference from a direction with a further delay."""
+        return self._interference(1, self._jammers[direction], delay_s * self.waveform.rate_hz)
 
     def _return(self, count: int) -> np.ndarray:
         """The radar's own signal at the receiver: (count, N), or (N,) where it is made frame by frame."""
@@ -240,15 +278,17 @@ class SimulatedChannel:
             total = line if total is None else total + line
         return total
 
-    def _interference(self, count: int) -> np.ndarray:
+    def _interference(
+        self, count: int, line: DelayLine | None = None, later_samples: float = 0.0
+    ) -> np.ndarray:
         """(count, N) the jammer at the receiver."""
         s, n = self.settings, self._n
-        delay = self._jammer_base
+        delay = self._jammer_base + later_samples
         if s.jammer_clock_ppm:
             # after one frame of drift the jammer skips or repeats a frame, so that the delay line stays finite
             delay -= np.fmod(s.jammer_clock_ppm * 1e-6 * self._block * n, n)
             delay = round(delay * STEPS) / STEPS
-        out = self._jammer.read(delay, count)
+        out = (line or self._jammers[0]).read(delay, count)
         if s.jammer_lo_offset_hz:
             t = np.arange(n) + float(self._block) * n
             out = out * exp_cycles(t * (s.jammer_lo_offset_hz / self.waveform.rate_hz))
@@ -267,14 +307,7 @@ class SimulatedChannel:
                 np.float32(np.cos(phase)) * out.imag + np.float32(np.sin(phase)) * out.real
             )
         if s.adc_bits:
-            rails = out.view(np.float32)
-            step = np.float32(s.full_scale / 2 ** (s.adc_bits - 1))
-            top = 2 ** (s.adc_bits - 1) - 1
-            # one bit is mid-rise, since a mid-tread converter has a level at zero; from two bits on mid-tread
-            levels = (
-                np.sign(rails) * 0.5 if s.adc_bits == 1 else np.clip(np.rint(rails / step), -top - 1, top)
-            )
-            rails[:] = levels * step
+            convert(out, s.adc_bits, s.full_scale)
 
     def _cut(self, first: int, out: np.ndarray) -> list[tuple[int, np.ndarray]]:
         """Remove gaps from the block that starts at sample counter ``first``."""

@@ -113,9 +113,10 @@ def convert(hint: Any, value: Any, where: str) -> Any:
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         return build(hint, {} if value is None else value, where)
     if origin is tuple:
-        if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
-            value = [value]
         inner = typing.get_args(hint)[0]
+        one = isinstance(value, dict) and dataclasses.is_dataclass(inner)
+        if one or isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
+            value = [value]
         if isinstance(value, dict):
             raise ValueError(f"{where} is {shown(value)}; expected a list")
         return tuple(convert(inner, v, f"{where}[{i}]") for i, v in enumerate(value))

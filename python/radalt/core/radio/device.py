@@ -31,6 +31,8 @@ class Device:
         Highest input that does no damage.
     tx_antenna, rx_antenna : str
         Ports, distinct since the radar transmits and receives at once.
+    two_channels_hz : float
+        Highest master clock with two receive channels; 0 where there is one.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Device:
     max_rx_dbm: float
     tx_antenna: str
     rx_antenna: str
+    two_channels_hz: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("tuning_hz", "master_clock_hz", "rate_hz", "tx_gain_db", "rx_gain_db"):
@@ -72,6 +75,7 @@ B210 = Device(
     max_rx_dbm=-15.0,
     tx_antenna="TX/RX",
     rx_antenna="RX2",
+    two_channels_hz=30.72e6,
 )
 DEVICES: dict[str, Device] = {}
 

@@ -79,6 +79,11 @@ def check_radio(scene: Scene) -> None:
             f"transmit refused: radio.master_clock_hz {radio.master_clock_hz:g} is not a whole multiple of the rate "
             f"{w.rate_hz:g} S/s; choose one that is, 30e6 for 7.5e6"
         )
+    if scene.auxiliary is not None and radio.master_clock_hz > limits.two_channels_hz:
+        raise InterlockError(
+            f"transmit refused: radio.master_clock_hz is {radio.master_clock_hz:g}, and with two receive channels a "
+            f"{limits.title} has at most {limits.two_channels_hz:g}; lower it, or leave the section auxiliary out"
+        )
     room = 0.5 * (radio.master_clock_hz - w.rate_hz)
     if abs(radio.lo_offset_hz) > room:
         raise InterlockError(
@@ -93,22 +98,25 @@ def check_levels(scene: Scene) -> None:
     Raises
     ------
     InterlockError
-        If a cabled set-up states less than 30 dB, or the receiver's input exceeds its limit (`rx_level_dbm`).
+        If a cabled set-up states less than 30 dB, or an input of the receiver exceeds its limit (`rx_level_dbm`).
     """
     radio, limits = scene.radio, scene.radio.limits
-    if radio.enclosure == "cabled" and radio.attenuation_db < _MIN_CABLED_ATTENUATION_DB:
-        raise InterlockError(
-            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a "
-            f"{limits.title} receiver is damaged above {limits.max_rx_dbm:g} dBm and transmits up to "
-            f"{limits.max_tx_dbm:+g} dBm: use at least {_MIN_CABLED_ATTENUATION_DB:g} dB (40 dB is usual)"
-        )
-    level = rx_level_dbm(radio, scene.has_jammer)
-    if level > limits.max_rx_dbm:
-        raise InterlockError(
-            f"transmit refused: up to {level:.1f} dBm would reach the receiver, which is damaged above "
-            f"{limits.max_rx_dbm:g} dBm; lower the transmit gains or raise attenuation_db by "
-            f"{level - limits.max_rx_dbm:.1f} dB"
-        )
+    keys = ("attenuation_db",) if scene.auxiliary is None else ("attenuation_db", "auxiliary_attenuation_db")
+    for key in keys:
+        loss_db = getattr(radio, key)
+        if radio.enclosure == "cabled" and loss_db < _MIN_CABLED_ATTENUATION_DB:
+            raise InterlockError(
+                f"transmit refused: radio.{key} is {loss_db:g} with a cabled set-up; a "
+                f"{limits.title} receiver is damaged above {limits.max_rx_dbm:g} dBm and transmits up to "
+                f"{limits.max_tx_dbm:+g} dBm: use at least {_MIN_CABLED_ATTENUATION_DB:g} dB (40 dB is usual)"
+            )
+        level = rx_level_dbm(radio, scene.has_jammer, loss_db)
+        if level > limits.max_rx_dbm:
+            raise InterlockError(
+                f"transmit refused: up to {level:.1f} dBm would reach the receiver, which is damaged above "
+                f"{limits.max_rx_dbm:g} dBm; lower the transmit gains or raise {key} by "
+                f"{level - limits.max_rx_dbm:.1f} dB"
+            )
 
 
 def _why(scene: Scene) -> str:

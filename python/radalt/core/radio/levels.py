@@ -19,7 +19,7 @@ _CREST_MARGIN = 1.25  # margin on the largest rail in `_CREST_FRAMES` frames: lo
 _CREST_FRAMES = 24
 
 
-def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:
+def rx_level_dbm(radio: RadioSpec, jammer: bool, attenuation_db: float | None = None) -> float:
     """Highest power at the receiver's connector: both transmitters at full scale, less the stated attenuation.
 
     Parameters
@@ -28,9 +28,12 @@ def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:
         Device, transmit gains and ``attenuation_db`` from each transmitter to the receiver.
     jammer : bool
         Whether the second transmitter exists.
+    attenuation_db : float, optional
+        To another input.
     """
+    loss_db = radio.attenuation_db if attenuation_db is None else attenuation_db
     gains = [radio.radar_tx_gain_db] + ([radio.jammer_tx_gain_db] if jammer else [])
-    milliwatts = sum(10.0 ** ((radio.limits.tx_power_dbm(g) - radio.attenuation_db) / 10.0) for g in gains)
+    milliwatts = sum(10.0 ** ((radio.limits.tx_power_dbm(g) - loss_db) / 10.0) for g in gains)
     return float(10.0 * np.log10(milliwatts))
 
 

@@ -18,12 +18,15 @@ class Frame:
     samples : (N,) complex64
     offset_s : float
         Delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter subtracts it.
+    auxiliary : (N,) complex64 or None
+        The second channel's samples of the same time, in the block that cuts both.
     """
 
     index: int
     start_sample: int
     samples: np.ndarray
     offset_s: float
+    auxiliary: np.ndarray | None = None
 
     def keep(self, lent: np.ndarray) -> None:
         """Take samples of its own where they are a view of ``lent``, see `FrameSegmenter.push`."""

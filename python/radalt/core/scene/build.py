@@ -1,8 +1,14 @@
 """Objects of the signal path from a scene, for the blocks of a flowgraph and for runs without one."""
 
+import dataclasses
+
+import numpy as np
+
+from ..channel.auxiliary import AuxiliaryReceiver
 from ..channel.simulated import SimulatedChannel
 from ..interference.stream import JammerStream
 from ..programme import SentAltitudes
+from ..receiver.auxiliary_cancel import AuxiliaryCancel
 from ..receiver.leakage_file import leakage_canceller
 from ..receiver.segmenter import FrameSegmenter
 from ..returns.landing import TerrainPlayer
@@ -31,6 +37,47 @@ def jammer_of(scene: Scene) -> JammerStream:
     )
 
 
+def jammers_of(scene: Scene) -> list[JammerStream]:
+    """A stream for each direction from which the two receive channels receive interference; one without them."""
+    if scene.auxiliary is None or len(scene.auxiliary.directions) == 1:
+        return [jammer_of(scene)] if scene.has_jammer else []
+    streams = []
+    for k, (one, power) in enumerate(zip(scene.interference, _powers(scene), strict=True)):
+        sir_db = -10 * np.log10(max(power * one.overlap, 1e-20))
+        alone = dataclasses.replace(one, sir_db=sir_db)
+        seed = int(np.random.default_rng([scene.seed, k]).integers(2**31))
+        changes = {"interference": (alone,), "auxiliary": None, "total_sir_db": None, "seed": seed}
+        streams.append(jammer_of(dataclasses.replace(scene, **changes)))
+    return streams
+
+
+def _powers(scene: Scene) -> list[float]:
+    """Mean power of each interferer while it lasts, over the return's."""
+    stated = np.array([10 ** (-one.sir_db / 10) for one in scene.interference])
+    scale = 10 ** (-scene.sir_db / 10) / max(stated.sum(), 1e-300)
+    return [float(p * scale / max(i.overlap, 1e-6)) for p, i in zip(stated, scene.interference, strict=True)]
+
+
+def auxiliary_of(scene: Scene) -> AuxiliaryReceiver | None:
+    """The second receive channel; None without."""
+    if scene.auxiliary is None:
+        return None
+    powers = _powers(scene) if scene.has_jammer else []
+    if len(scene.auxiliary.directions) == 1 and powers:
+        powers = [sum(powers)]
+    noise = 0.0 if scene.channel.snr_db is None else 10 ** (-scene.channel.snr_db / 10)
+    return AuxiliaryReceiver(scene.waveform, scene.auxiliary, tuple(powers), noise, scene.seed)
+
+
+def canceller_of(scene: Scene) -> AuxiliaryCancel | None:
+    """What takes out of frames what both receive channels receive; None with one channel."""
+    if scene.auxiliary is None:
+        return None
+    top_m = scene.altimeter_settings.max_altitude_m
+    assert top_m is not None  # resolved
+    return AuxiliaryCancel(scene.waveform, scene.auxiliary_cancel, max_altitude_m=top_m)
+
+
 def channel_of(scene: Scene) -> SimulatedChannel:
     """Air and front ends; raises ValueError where the scene's settings do not fit each other."""
     programme = scene.altitude.programme
@@ -45,6 +92,7 @@ def channel_of(scene: Scene) -> SimulatedChannel:
         true_delay=programme if scene.altitude.mode == "true_delay" and terrain is None else None,
         terrain=terrain,
         frames=programme.total_frames,
+        auxiliary=auxiliary_of(scene),
     )
 
 

@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
+from ..channel.auxiliary import AuxiliarySettings
 from ..channel.settings import ChannelSettings
 from ..interference.placement import Interferer
 from ..parsing import allowed, shown
 from ..receiver.altimeter import AltimeterSettings
+from ..receiver.auxiliary_cancel import CancelSettings
 from ..receiver.leakage import FITTED_ABOVE_M
 from ..receiver.leakage_file import UNCALIBRATED
 from ..receiver.segmenter import SegmenterSettings
@@ -38,6 +40,10 @@ class Scene:
     return_model : str
         Key ``return`` in a file: ``point``, ``terrain`` for the extended ground return of the landing, or ``none``:
         the radar is silent in trials, and every declared altitude is false.
+    auxiliary : AuxiliarySettings or None
+        A second receive channel, by which `AuxiliaryCancel` cleans frames before every method.
+    auxiliary_cancel : CancelSettings
+        Of that canceller.
     methods : tuple of str
         Mitigation methods that are compared on the same frames.
     method_options : dict
@@ -55,6 +61,8 @@ class Scene:
     interference: tuple[Interferer, ...] = ()
     total_sir_db: float | None = None
     channel: ChannelSettings = ChannelSettings()
+    auxiliary: AuxiliarySettings | None = None
+    auxiliary_cancel: CancelSettings = CancelSettings()
     segmenter: SegmenterSettings = SegmenterSettings()
     altimeter: AltimeterSettings = AltimeterSettings()
     tracker: TrackerSettings = TrackerSettings()
@@ -70,6 +78,7 @@ class Scene:
         self._check_frames()
         self._check_methods()
         self._check_leakage()
+        self._check_auxiliary()
         top = self.altimeter_settings.max_altitude_m
         assert top is not None  # resolved
         highest = max(self.altitude.programme.altitudes_m)
@@ -127,6 +136,19 @@ class Scene:
             raise ValueError(
                 f"segmenter.leakage_calibration: {UNCALIBRATED} needs altimeter.min_altitude_m of {least:g} or more "
                 f"(it is {self.altimeter.min_altitude_m:g}): without a calibration nothing is known below"
+            )
+
+    def _check_auxiliary(self) -> None:
+        """Check that every interferer has its direction, and that one converter is stated."""
+        given = 1 if self.auxiliary is None else len(self.auxiliary.directions)
+        if given not in (1, len(self.interference)):
+            raise ValueError(
+                f"auxiliary.directions has {given} entries for {len(self.interference)} interferers; give one for all, "
+                "or one each"
+            )
+        if self.auxiliary is not None and self.auxiliary.adc_bits and self.channel.adc_bits:
+            raise ValueError(
+                "auxiliary.adc_bits and channel.adc_bits would convert twice; set one of them to 0"
             )
 
     def _check_methods(self) -> None:

@@ -175,10 +175,14 @@ class RadioSpec:
         LO offset out of the band, so that its leakage falls outside; at most half the device's highest clock.
     radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
         Gains, within the device's ranges: 0..89.75 dB (TX) and 0..76 dB (RX) for a B210.
+    auxiliary_rx_gain_db : float
+        Gain of the second receive channel, in the device's range.
     enclosure : str
         ``"none"``, ``"cabled"`` or ``"shielded"``; without one nothing is transmitted.
     attenuation_db : float
         Attenuation in the cables between TX and RX, 0..150 dB.
+    auxiliary_attenuation_db : float
+        Attenuation from each TX to the input of the second receive channel, 0..150 dB.
     clock_source : str
         ``"internal"``, ``"external"`` or ``"gpsdo"``.
     """
@@ -191,8 +195,10 @@ class RadioSpec:
     radar_tx_gain_db: float = 0.0
     radar_rx_gain_db: float = 20.0
     jammer_tx_gain_db: float = 0.0
+    auxiliary_rx_gain_db: float = 20.0
     enclosure: str = "none"
     attenuation_db: float = 0.0
+    auxiliary_attenuation_db: float = 0.0
     clock_source: str = "internal"
 
     def __post_init__(self) -> None:
@@ -210,7 +216,9 @@ class RadioSpec:
             radar_tx_gain_db=limits.tx_gain_db,
             jammer_tx_gain_db=limits.tx_gain_db,
             radar_rx_gain_db=limits.rx_gain_db,
+            auxiliary_rx_gain_db=limits.rx_gain_db,
             attenuation_db=(0.0, _MOST_ATTENUATION_DB),
+            auxiliary_attenuation_db=(0.0, _MOST_ATTENUATION_DB),
             master_clock_hz=limits.master_clock_hz,
             lo_offset_hz=(-most_offset_hz, most_offset_hz),
         )

@@ -13,7 +13,7 @@ from typing import Any
 from ...core.paths import share_dir
 from ...core.scene import Scene
 from . import FlowgraphError
-from .rewrite import load_grc, prune, save_grc, simulate, tracked
+from .rewrite import load_grc, prune, save_grc, simulate, tracked, with_second_channel
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,10 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, trac
     There is a jammer chain if the scene has a jammer, and a tracker behind every method with ``track``. ``build_dir``
     receives ``.grc`` and ``.py``.
     """
-    name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
+    name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}{'' if scene.auxiliary is None else '_two'}"
     data = prune(simulate(shipped(), name), methods, scene.has_jammer)
     if track:
         data = tracked(data, f"{name}_tracked")
+    if scene.auxiliary is not None:
+        data = with_second_channel(data)
     return Prepared(generate(data, Path(build_dir)), tuple(methods))

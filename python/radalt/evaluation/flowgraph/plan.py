@@ -79,8 +79,10 @@ def _parts(scene: Scene, methods: Sequence[str]) -> list[Part]:
     delays = "the simulated channel delays the return" if delayed else "altitudes are synthetic beat shifts"
     networks = "a network is among the methods" if network else "no network among the methods"
     terrain = f"the scene has {'a' if landing else 'no'} landing"
+    two = scene.auxiliary is not None
     parts = [
         Part("jammer source and second B210", scene.has_jammer, jammer),
+        Part("second receive channel", two, f"the scene has {'a' if two else 'no'} section auxiliary"),
         Part(f"methods {', '.join(methods)}", True, "asked for"),
         Part("onnxruntime", network, networks),
         Part("terrain", landing, terrain),

@@ -15,7 +15,8 @@ from ...core.parsing import load_yaml
 from . import FlowgraphError
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
-CHANNEL = "simulated_channel"
+CHANNEL, CANCELLER = "simulated_channel", "auxiliary_cancel"
+SUBDEVICES = "A:A A:B"  # UHD's subdevice specification of a B210's two receive channels
 RADAR_GATE, JAMMER_GATE = "radar_gate", "jammer_gate"
 _RADIOS_ALONE = ("import_interlock", "import_levels", "set_up_radios", "transmit", "transmit_interlock")
 _DROP = "drop_when_slow"  # parameter of the segmenter
@@ -140,6 +141,39 @@ def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[st
             block["states"]["state"] = "disabled"
         if block["name"] == CHANNEL and not jammer:
             block["parameters"]["jammer"] = "False"
+    return data
+
+
+def with_second_channel(data: dict[str, Any]) -> dict[str, Any]:
+    """The flowgraph with a second receive channel, and an `auxiliary_cancel` between the segmenter and everything else.
+
+    With radios both channels are of one UHD block, so on one LO and sample clock.
+    """
+    data = copy.deepcopy(data)
+    blocks = {block["name"]: block for block in data["blocks"]}
+    blocks["frame_segmenter"]["parameters"]["auxiliary"] = "True"
+    if CHANNEL in blocks:
+        receiver = CHANNEL
+        blocks[CHANNEL]["parameters"]["auxiliary"] = "True"
+    else:
+        receiver = RADAR_SOURCE
+        own = blocks[RADAR_SOURCE]["parameters"]
+        own |= {"nchan": "2", "sd_spec0": f'"{SUBDEVICES}"', "stream_chans": "[0, 1]"}
+        own |= {
+            "ant1": own["ant0"],
+            "center_freq1": own["center_freq0"],
+            "rx_agc0": "False",
+            "rx_agc1": "False",
+        }
+        own["gain1"] = "scene.radio.auxiliary_rx_gain_db"
+    data["blocks"].append(
+        _block(CANCELLER, "radalt_auxiliary_cancel", {"scene": "scene"}, blocks["frame_segmenter"])
+    )
+    data["connections"] = [
+        [CANCELLER if c[:2] == ["frame_segmenter", "0"] else c[0], *c[1:]] for c in data["connections"]
+    ]
+    data["connections"] += [[receiver, "1", "frame_segmenter", "1"]]
+    data["connections"] += [["frame_segmenter", port, CANCELLER, port] for port in "01"]
     return data
 
 

@@ -70,11 +70,11 @@ def _read_back(step: Step, block: Any) -> list[Readback]:
     if step.call == "set_samp_rate":
         return [Readback(step.block, "rate S/s", step.args[0], block.get_samp_rate())]
     if step.call == "set_gain":
-        return [Readback(step.block, "gain dB", step.args[0], block.get_gain(0))]
+        return [Readback(step.block, "gain dB", step.args[0], block.get_gain(step.args[1]))]
     if step.call == "set_antenna":
-        return [Readback(step.block, "antenna", step.args[0], block.get_antenna(0))]
+        return [Readback(step.block, "antenna", step.args[0], block.get_antenna(step.args[1]))]
     if step.call == "set_center_freq":
-        return [Readback(step.block, "centre Hz", step.args[0][0], block.get_center_freq(0))]
+        return [Readback(step.block, "centre Hz", step.args[0][0], block.get_center_freq(step.args[1]))]
     return []
 
 

@@ -15,7 +15,7 @@ from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
 from ..flowgraph.generate import Prepared, generated_here, shipped
-from ..flowgraph.rewrite import RADAR_GATE, prune
+from ..flowgraph.rewrite import RADAR_GATE, prune, with_second_channel
 from ..flowgraph.run import attach_recorder, finish_recorder, make_top, result_of
 from ..flowgraph.watch import run_to_end
 from ..simulation import TAIL_FRAMES, PointResult
@@ -37,10 +37,11 @@ def _print(line: str) -> None:
 
 
 @functools.lru_cache(maxsize=8)
-def _prepared(methods: tuple[str, ...], jammer: bool) -> Prepared:
-    """``ota_b210.grc`` generated for radios, without chains and a second radio that the scene does not need."""
+def _prepared(methods: tuple[str, ...], jammer: bool, two: bool) -> Prepared:
+    """``ota_b210.grc`` generated for radios, with what the scene needs of chains, radios and receive channels."""
     data = prune(shipped(), methods, jammer)
-    data["options"]["parameters"]["id"] = f"ota_b210_{'jam' if jammer else 'clear'}"
+    data = with_second_channel(data) if two else data
+    data["options"]["parameters"]["id"] = f"ota_b210_{'jam' if jammer else 'clear'}{'_two' if two else ''}"
     return Prepared(generated_here(data), methods)
 
 
@@ -104,7 +105,7 @@ def run_hardware(
     require_enclosure(scene, transmit)
     from gnuradio import uhd
 
-    prepared = _prepared(tuple(methods), scene.has_jammer)
+    prepared = _prepared(tuple(methods), scene.has_jammer, scene.auxiliary is not None)
     top = make_top(prepared, scene, drop_when_slow=1, transmit=1)
     events = _Events()
     for name in radio_blocks(scene):

@@ -11,16 +11,17 @@ from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
 from ..flowgraph.generate import Prepared, generated_here, shipped
-from ..flowgraph.rewrite import prune, remote, simulate
+from ..flowgraph.rewrite import prune, remote, simulate, with_second_channel
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import run_to_end
 
 
 @functools.lru_cache(maxsize=4)
-def _prepared(methods: tuple[str, ...], jammer: bool, sim: bool) -> Prepared:
-    name = f"ota_remote_{'sim' if sim else 'air'}_{'jam' if jammer else 'clear'}"
+def _prepared(methods: tuple[str, ...], jammer: bool, sim: bool, two: bool) -> Prepared:
+    name = f"ota_remote_{'sim' if sim else 'air'}_{'jam' if jammer else 'clear'}{'_two' if two else ''}"
     data = simulate(shipped(), name, realtime=True) if sim else shipped()
-    return Prepared(generated_here(remote(prune(data, methods, jammer), name)), methods)
+    data = remote(prune(data, methods, jammer), name)
+    return Prepared(generated_here(with_second_channel(data) if two else data), methods)
 
 
 def drive_remotely(
@@ -48,7 +49,7 @@ def drive_remotely(
         check_endpoint(name, endpoint, network=network)
     if not sim:
         require_enclosure(scene, transmit)
-    prepared = _prepared(tuple(methods), scene.has_jammer, sim)
+    prepared = _prepared(tuple(methods), scene.has_jammer, sim, scene.auxiliary is not None)
     options = {"telemetry": telemetry, "control": control, "drop_when_slow": int(not sim)}
     options |= {"network": int(network), "keep_alive_s": keep_alive_s}
     options |= {} if sim else {"transmit": int(transmit)}

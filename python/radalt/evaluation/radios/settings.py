@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from ...core.radio.interlock import InterlockError, require_enclosure
 from ...core.radio.levels import drive, rx_level_dbm
 from ...core.scene import Scene
-from ..flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE
+from ..flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE, SUBDEVICES
 
 
 class Step(NamedTuple):
@@ -38,12 +38,19 @@ def plan(scene: Scene) -> tuple[Step, ...]:
     }
     steps = [Step(b, "set_clock_source", (radio.clock_source, 0)) for b in devices]
     steps += [Step(b, "set_time_source", (radio.clock_source, 0)) for b in devices]
+    if scene.auxiliary is not None:
+        steps.append(Step(RADAR_SOURCE, "set_subdev_spec", (SUBDEVICES, 0)))
     steps += [Step(b, "set_samp_rate", (w.rate_hz,)) for b in blocks]
     for block in blocks:
         antenna, gain_db = antenna_and_gain[block]
-        steps.append(Step(block, "set_antenna", (antenna, 0)))
-        steps.append(Step(block, "set_gain", (gain_db, 0)))
-        steps.append(Step(block, "set_center_freq", ((w.carrier_hz, radio.lo_offset_hz), 0)))
+        gains_db = [gain_db]
+        if block == RADAR_SOURCE and scene.auxiliary is not None:
+            gains_db.append(radio.auxiliary_rx_gain_db)
+            steps += [Step(block, "set_rx_agc", (False, channel)) for channel in (0, 1)]
+        for channel, gain_db in enumerate(gains_db):
+            steps.append(Step(block, "set_antenna", (antenna, channel)))
+            steps.append(Step(block, "set_gain", (gain_db, channel)))
+            steps.append(Step(block, "set_center_freq", ((w.carrier_hz, radio.lo_offset_hz), channel)))
     return tuple(steps)
 
 

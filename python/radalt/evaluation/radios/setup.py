@@ -17,7 +17,7 @@ from ...core.radio.interlock import require_enclosure
 from ...core.radio.levels import drive
 from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
-from ..flowgraph.rewrite import JAMMER_GATE, JAMMER_SINK, RADAR_GATE, RADAR_SINK, RADAR_SOURCE
+from ..flowgraph.rewrite import CANCELLER, JAMMER_GATE, JAMMER_SINK, RADAR_GATE, RADAR_SINK, RADAR_SOURCE
 from .bring_up import bring_up, start_together
 from .settings import radio_blocks
 
@@ -106,6 +106,11 @@ def _check_blocks(top: Any, scene: Scene) -> None:
             raise FlowgraphError(
                 f"the flowgraph has no Transmit Gate {gate} before {sink}; put one of that name between source and sink"
             )
+    if hasattr(top, CANCELLER) != (scene.auxiliary is not None):
+        raise FlowgraphError(
+            f"of scene and flowgraph one has a second receive channel: the scene by its section auxiliary, the "
+            f"flowgraph by its block {CANCELLER}; run ota_eval.py, which makes the flowgraph of the scene"
+        )
     if hasattr(top, JAMMER_SINK) == scene.has_jammer:
         return
     if scene.has_jammer:
