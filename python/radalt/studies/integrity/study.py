@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
+from ...core.receiver.frame_quality import FrameQuality
 from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point, Study
@@ -56,6 +57,7 @@ def judge(
 ) -> dict[str, Judged]:
     """Tracked and per-frame altitudes of each chain from the same received frames."""
     altimeter = shared_altimeter(WAVEFORM, chains[0].settings)
+    examine = FrameQuality(WAVEFORM, altimeter.settings.max_altitude_m)
     trackers = {chain: AltitudeTracker(altimeter, TRACKER) for chain in chains}
     outputs, results = {c: [] for c in chains}, {c: [] for c in chains}
     spent = dict.fromkeys(chains, 0.0)
@@ -63,10 +65,11 @@ def judge(
     for method in methods.values():
         method.reset()
     for index, samples, offset_s in frames_of_flight:
-        received = altimeter.spectra(samples)
+        quality = examine(samples)
+        received = altimeter.spectra(samples, quality)
         for chain in chains:
             begin = time.thread_time()
-            spectra = altimeter.spectra(methods[chain].process(samples))
+            spectra = altimeter.spectra(methods[chain].process(samples, quality), quality)
             timing = {"frame_index": index, "timing_offset_s": offset_s}
             before = None if chain.method == "none" else received
             outputs[chain].append(trackers[chain].process(spectra, received=before, **timing))
