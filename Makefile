@@ -144,7 +144,19 @@ $(PYTHON): | $(STAMPS)/debian
 	@echo "gr-radalt set-up: environment $(VENV)"
 	@"$(SYSTEM_PYTHON)" -m venv --clear --system-site-packages $(VENV)
 
-$(VENV)/.runtime: requirements.lock | $(PYTHON)
+# Of the tree whose .venv it is called by, since worktrees may share an environment.
+define RADALT
+#!/bin/sh
+bin=$(dirname "$0")
+tree=$(cd "$bin/../.." && pwd)
+PYTHONPATH="$tree/python${PYTHONPATH:+:$PYTHONPATH}" exec "$bin/python" -m radalt "$@"
+endef
+$(VENV)/bin/radalt: export RADALT := $(value RADALT)
+$(VENV)/bin/radalt: | $(PYTHON)
+	@printf '%s\n' "$$RADALT" > $@
+	@chmod +x $@
+
+$(VENV)/.runtime: requirements.lock | $(PYTHON) $(VENV)/bin/radalt
 	@echo "gr-radalt set-up: Python packages of requirements.lock"
 	@$(PYTHON) $(PIP) install --require-hashes -r requirements.lock
 	@$(PYTHON) -c 'import onnxruntime; from gnuradio import gr' || \

@@ -24,7 +24,8 @@ frames, truth_m = radalt.simulate("nr10", sir_db=-40, overlap=1, frames=200, see
 result = radalt.Altimeter(w).process(radalt.method("ofdm_cancel", w).process(frames))
 print("within 5 m:", np.mean(np.abs(result["altitude_m"] - truth_m) < 5))
 
-report = radalt.evaluate("nr10", methods=["none", "tcae", my_function], sir_db=range(-60, 0, 5))
+methods = ["none", "tcae", my_function]
+report = radalt.evaluate("nr10", methods, sir_db=range(-60, 0, 5), out="results/ten_lines", resume=True)
 print(report.break_points())
 print(report.html)
 report.plot()

@@ -52,9 +52,8 @@ def browser(tmp_path: Path) -> list[str] | None:
 
 @pytest.fixture
 def measured_here(monkeypatch) -> None:
-    """Points are measured in this process, without a rehearsal: starting another takes longer than most points do."""
+    """Points are measured in this process: starting another takes longer than most points do."""
     measure_here(monkeypatch)
-    monkeypatch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
 
 
 @pytest.fixture

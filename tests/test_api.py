@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import radalt
 from radalt.core.channel.settings import DropSettings
 from radalt.core.mitigation import METHODS
 from radalt.core.scene import parse_scene
+from radalt.evaluation import simulation
 from radalt.evaluation.overlap.points import changed, sweep_points
 from radalt.evaluation.overlap.rows import COLUMNS
 from radalt.evaluation.overlap.study import OverlapStudy
@@ -37,7 +39,6 @@ def ten_lines(root, tmp_path_factory):
     few["out"] = tmp_path_factory.mktemp("evaluate") / "run"
     names = {"__name__": "__main__"}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
         patch.setitem(vars(radalt), "evaluate", lambda *a, **k: evaluate(*a, **{**k, **few}))
         patch.setitem(vars(radalt), "simulate", lambda *a, **k: simulate(*a, **{**k, "frames": 20}))
         exec(compile((root / "examples/ten_lines.py").read_text("utf-8"), "ten_lines.py", "exec"), names)
@@ -93,9 +94,13 @@ class Absent(importlib.abc.MetaPathFinder):
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
 import subprocess  # which takes msvcrt for a sign of Windows
+import signal
+del signal.pthread_sigmask
 sys.modules["msvcrt"] = types.SimpleNamespace(locking=lambda *a: None, LK_NBLCK=2)  # what Windows has instead of fcntl
 import radalt
-report = radalt.evaluate("clear", ["none"], altitude_m=100, frames=4, out=sys.argv[1], progress=False)
+assert {n for n in dir(radalt) if n[0] != "_"} == set(radalt.__all__)
+report = radalt.evaluate("clear", "none", altitude_m=100, frames=4, out=sys.argv[1], progress=False)
+radalt.method("hybrid", radalt.Waveform())
 assert report.table[0]["pd"] == 1.0 and report.html.is_file()
 radalt.AltitudeTracker(radalt.Altimeter(radalt.Waveform()))
 try:
@@ -157,7 +162,14 @@ def test_a_function_is_a_method_for_as_long_as_it_is_asked_for(report):
     ("call", "message"),
     [
         (lambda: radalt.method(lambda f, w: f, W), "has no name for the report"),
-        (lambda: radalt.method("witening", W), "unknown mitigation method 'witening'"),
+        (
+            lambda: radalt.method("witening", W),
+            "unknown mitigation method 'witening'; did you mean 'whitening'",
+        ),
+        (lambda: radalt.evaluate("clear", resume=True), "resume needs out"),
+        (lambda: radalt.simulate({"interferance": {}}), "did you mean 'interference'"),
+        (lambda: radalt.Report(None, {}).html, "in memory; evaluate"),
+        (lambda: radalt.Report(None, {}).plot("snr"), "against is 'snr'; there are: sir_db, overlap"),
         (lambda: radalt.method(lambda_named("tcae"), W), "there is a method 'tcae' already"),
         (lambda: radalt.method(short, W).process(np.ones((1, 7500))), r"gives complex64 of shape \(1, 3\)"),
         (lambda: radalt.evaluate("clear", [halves], jobs=2), "jobs is 2, and a function"),
@@ -175,6 +187,56 @@ def test_what_does_not_fit_is_one_line(call, message, monkeypatch, tmp_path):
         call()
     assert "\n" not in str(raised.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_report_in_memory_has_the_rows_of_a_folder_whatever_numpy_is_told(tmp_path, monkeypatch):
+    """And nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    scene = {"interference": {"nr": {}}, "channel": {"snr_db": 10.0}, "altitude": {"programme_m": [90.0]}}
+    given = {
+        "methods": "hybrid",
+        "overlap": 1,
+        "sir_db": [-50, -40, -30, -20],
+        "frames": 4,
+        "progress": False,
+    }
+    with np.errstate(all="raise"):
+        memory = radalt.evaluate(scene, **given)
+    assert not list(tmp_path.iterdir())
+    folder = radalt.evaluate(scene, **given, out="run")
+    same = [name for name in COLUMNS.names if name not in COLUMNS.timing]
+    assert [[row[n] for n in same] for row in memory.table] == [[r[n] for n in same] for r in folder.table]
+    assert memory.content.keys() | {"figures", "journal", "schema"} == folder.content.keys()
+    for report in (memory, folder):
+        assert 4 <= len(str(report).splitlines()) <= 10
+
+
+def test_ctrl_c_is_one_line_that_says_what_is_kept(tmp_path, monkeypatch, capsys):
+    measured = iter([None])
+    chain = simulation.run_chain
+    monkeypatch.setattr(
+        "radalt.evaluation.overlap.study.run_chain",
+        lambda *a: chain(*a) if next(measured, 1) is None else stop(),
+    )
+    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        radalt.evaluate(
+            "clear", "none", altitude_m=[90], frames=2, snr_db=[10, 20], out=tmp_path / "run", progress=False
+        )
+    sys.excepthook(stopped.type, stopped.value, stopped.tb)
+    line = f"stopped; 1 of 2 points are kept, go on with resume=True and out='{tmp_path}/run'\n"
+    assert capsys.readouterr().err == line
+
+
+def stop():
+    raise KeyboardInterrupt
+
+
+def test_a_method_says_what_it_is():
+    text = "<whitening: 7.5 MHz in 1 ms, 7500 samples per frame; 2 frames so far>"
+    method = radalt.method("whitening", W)
+    method.process(np.ones((2, 7500)))
+    assert repr(method) == text
 
 
 def lambda_named(name):

@@ -5,6 +5,7 @@ import importlib.util
 import os
 import re
 from collections import Counter
+from pathlib import Path
 
 import cards
 import numpy as np
@@ -19,6 +20,7 @@ from radalt.evaluation.results.break_point import break_point
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
+ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(
     r"\]\((?:([\w-]+)\.md)?(?:#([\w-]+))?\)"
 )  # to a page, a heading, or a heading of the page itself
@@ -338,6 +340,26 @@ def test_every_test_of_the_safety_case_exists(root):
         assert f"def {test}(" in (root / "tests" / named).read_text(encoding="utf-8"), f"{named}::{test}"
 
 
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SNIPPETS = {
+    f"{page.stem} {number}": code
+    for page in [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]
+    for number, code in enumerate(BLOCK.findall(page.read_text(encoding="utf-8")))
+    # the former is an example of its own, the latter one of a package's modules (test_extending)
+    if "FirstFlowgraph" not in code and "from .study" not in code
+}
+
+
+@pytest.mark.parametrize("name", SNIPPETS)
+def test_a_snippet_runs_as_a_file_as_printed(name, tmp_path):
+    for module in re.findall(r"\b(onnx|torch)\b", SNIPPETS[name]):
+        pytest.importorskip(module)
+    (tmp_path / "snippet.py").write_text(SNIPPETS[name], encoding="utf-8")
+    env = os.environ | {"PYTHONPATH": str(ROOT / "python"), "OMP_NUM_THREADS": "1"}
+    done = ran_python("snippet.py", cwd=tmp_path, env=env)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize(
     ("page", "program"),
     [("flowgraphs", "examples/first_flowgraph.py"), ("your-own", "flowgraphs/own_method.py")],
@@ -345,6 +367,6 @@ def test_every_test_of_the_safety_case_exists(root):
 def test_a_program_that_a_page_shows_is_the_one_that_runs(root, page, program):
     """Written out, since the page is read on the disk and on the web, too, where nothing puts a file into it."""
     text = (root / f"docs/{page}.md").read_text(encoding="utf-8")
-    shown = re.search(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)[1]
+    shown = BLOCK.search(text)[1]
     source = (root / program).read_text(encoding="utf-8")
     assert shown == source[source.index("import numpy") :]

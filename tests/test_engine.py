@@ -1,5 +1,6 @@
 """The sweep engine with a study small enough to see through: coins with a known probability."""
 
+import itertools
 import os
 import shlex
 import signal
@@ -66,9 +67,6 @@ class Coins(Study):
             point.frames, point.frames, right, point.frames, squared_detected_m2=1 / 3 * point.frames
         )
         return [{"coin": point.name} | score.row()]
-
-    def seconds(self, point):
-        return 0.01 + self.pause_s
 
     def report(self, folder, rows, how):
         folder.write_report({"schema": 2, "run": how.as_dict(), "rows": rows["rows"]})
@@ -148,18 +146,36 @@ def test_a_point_that_hangs_ends_with_one_line_and_the_others_are_kept(tmp_path)
     assert set(kept) == {"coin 0.1", "coin 0.5"}
 
 
-def test_a_dry_run_says_what_it_would_cost_and_writes_nothing(tmp_path, capsys):
+def test_a_dry_run_says_what_it_would_measure_and_writes_nothing(tmp_path, capsys):
     study = Coins(pause_s=30.0)
     assert command.main(study, Options(tmp_path / "run", jobs=2), program="coins", dry_run=True) == 0
-    assert capsys.readouterr().out == f"coins: 4 points, 400 frames, about 65 s -> {tmp_path / 'run'}\n"
+    assert capsys.readouterr().out == f"coins: 4 points, 400 frames -> {tmp_path / 'run'}\n"
     assert not (tmp_path / "run").exists()
 
 
-def test_a_first_estimate_is_there_before_the_first_point(tmp_path, measured_here):
-    seen = []
-    run(Coins(), Options(tmp_path, jobs=1), seen.append)
-    assert seen[0].done == 0 and seen[0].remaining_s > 0.02
-    assert seen[-1].remaining_s == 0
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("file", "is a file; name a folder"), ("others", "holds files that are no run of ours")],
+)
+def test_a_dry_run_checks_the_folder(tmp_path, capsys, name, said):
+    (tmp_path / "file").touch()
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others/mine.txt").touch()
+    assert command.main(Coins(), Options(tmp_path / name), program="coins", dry_run=True) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("jobs", "left_s"), [(1, [None, 30.0, 20.0, 10.0, 0.0]), (2, [None, 50 / 3, 12.0, 30 / 7, 0.0])]
+)
+def test_the_remaining_time_is_known_when_frames_have_been_timed(
+    tmp_path, measured_here, monkeypatch, jobs, left_s
+):
+    """Points of equal length, one after the other every 10 s; a second worker is halfway through the next."""
+    seen, clock = [], itertools.count(0.0, 10.0)
+    monkeypatch.setattr("radalt.evaluation.engine.run.time.monotonic", lambda: next(clock))
+    run(Coins(), Options(tmp_path, jobs=jobs), seen.append)
+    assert [p.remaining_s and round(p.remaining_s, 6) for p in seen] == pytest.approx(left_s)
 
 
 @pytest.mark.parametrize(

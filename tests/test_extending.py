@@ -7,12 +7,10 @@ import shutil
 
 import pytest
 import yaml
-from hostile import assert_refused, ended
 from waiting import ran_python
 
 from radalt.core.deramp.profile import load_profile
 from radalt.core.parsing import arguments, build
-from radalt.evaluation.commands import eval as eval_command
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -166,21 +164,6 @@ def test_study_runs_on_the_engine(outside, tmp_path):
     pd = [float(row["pd"]) for row in rows]
     assert pd == sorted(pd) and pd[0] < 0.3 and pd[-1] > 0.8
     assert "| -24.0 |" in (tmp_path / "run/report.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"interference": {"hopper": {}}}, "unknown interferer 'interference.hopper'; allowed: "),
-        ({"methods": ["clipper"]}, "methods names 'clipper'; allowed: "),
-        ({"radio": {"device": "x310_ubx"}}, "radio.device is 'x310_ubx'; allowed: b210"),
-    ],
-    ids=PLUGINS,
-)
-def test_what_is_not_registered_is_refused_in_one_line(tmp_path, change, message):
-    status, error = ended(eval_command.main, "--sim", "--plan", "--scene", written(tmp_path, **change))
-    assert_refused(status, error)
-    assert message in error
 
 
 def test_a_plugin_that_is_not_there_is_named_in_one_line(root, outside):

@@ -133,6 +133,17 @@ def test_the_command_leaves_rows_and_a_report_and_does_not_overwrite_another(tmp
     assert "give the bench's scene with --scene" in capsys.readouterr().err
 
 
+def test_results_are_below_results(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("radalt.evaluation.radios.first_light.RunFolder", lambda path, head: stop(path))
+    assert command.main(["--sim"]) == 2
+    assert "stopped at results/first-light-" in capsys.readouterr().err
+
+
+def stop(path):
+    raise ValueError(f"stopped at {path}")
+
+
 def test_an_hour_that_is_broken_off_leaves_its_report(tmp_path, monkeypatch):
     def broken_off(bench, names):
         yield Check("noise", -70.0, step="receiver")

@@ -7,17 +7,22 @@ import subprocess
 import sys
 
 import gallery
+import matplotlib
 import numpy as np
 import pytest
 from hostile import assert_refused, ended
 from test_engine import Coins, Options, command
 from test_fuzz import measured_here
+from waiting import ran_python
 
 from radalt.core.mitigation import MitigationError, create
+from radalt.core.parsing import InputError
+from radalt.core.returns.terrain import Terrain
+from radalt.core.sigmf_file import open_sigmf
 from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine.options import check_ours
-from radalt.evaluation.results.figure import new_figure, save_figure
+from radalt.evaluation.results.figure import new_figure, own_style, save_figure
 from radalt.evaluation.results.folder import FolderError, RunFolder, replace_file, write_json
 
 # an ONNX file of one matrix product, whose matrix lies in the file m.data beside it
@@ -71,10 +76,46 @@ def test_a_name_that_is_no_mathematics_is_drawn_as_it_is(tmp_path):
     assert b"/Type3" not in (tmp_path / "x.pdf").read_bytes()  # publishers ask for TrueType
 
 
-def test_a_terminal_of_another_encoding_and_a_user_without_a_home_end_no_run(root, tmp_path):
-    done = run(root, *RUN, tmp_path / "x$^{y", PYTHONIOENCODING="latin-1", HOME="/proc/nobody")
-    assert done.returncode == 0, done.stderr
+def test_no_terminal_no_home_and_no_style_of_the_user_ends_a_run(root, tmp_path):
+    """Encoding, home, the backend of a Jupyter elsewhere, a font and TeX that are not installed."""
+    style = tmp_path / "matplotlibrc"
+    style.write_text("text.usetex: True\nfont.family: None Such\n")
+    theirs = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "MATPLOTLIBRC": str(style)}
+    done = run(root, *RUN, tmp_path / "x$^{y", PYTHONIOENCODING="latin-1", HOME="/proc/nobody", **theirs)
+    assert (done.returncode, done.stderr) == (0, b"")
     assert b"\\u2212" in done.stdout
+
+
+def test_the_user_s_own_style_is_as_before_a_report():
+    theirs = {"text.usetex": True, "lines.linewidth": 9.0}
+    with matplotlib.rc_context(theirs):
+        with own_style():
+            assert all(matplotlib.rcParams[key] == matplotlib.rcParamsDefault[key] for key in theirs)
+        assert all(matplotlib.rcParams[key] == value for key, value in theirs.items())
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("sigmf", lambda path: open_sigmf(path / "x.sigmf-meta")),
+        ("dted", lambda path: Terrain.load([path / "x.dt0"])),
+    ],
+)
+def test_an_optional_package_that_is_missing_is_named_with_the_remedy(monkeypatch, tmp_path, name, read):
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(
+        InputError, match=f"needs the package {name}, which .*python.* lacks; run 'make setup'"
+    ):
+        read(tmp_path)
+
+
+def test_a_live_flowgraph_without_a_display_is_one_line():
+    """Qt would abort."""
+    program = "from gnuradio import qtgui; from radalt.evaluation.flowgraph.window import by_hand"
+    env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")}
+    done = ran_python("-c", program, env=env)
+    assert done.returncode == 2 and done.stderr.startswith("no display for the window; ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_a_numpy_that_gnu_radio_was_not_built_for_is_one_line(root, tmp_path):

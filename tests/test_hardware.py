@@ -237,6 +237,15 @@ def test_check_warns_of_an_odd_divider(clock_hz, warned):
     assert any("odd number" in line for line in lines) == warned
 
 
+@pytest.mark.parametrize(("rate_hz", "warned"), [(30.72e6, False), (40e6, True)])
+def test_check_says_what_usb_carries(rate_hz, warned):
+    wide = {"waveform": {"rate_hz": rate_hz, "bandwidth_hz": rate_hz}}
+    radio = RADIO | {"master_clock_hz": rate_hz, "lo_offset_hz": 0.0}
+    lines, _ = describe(parse_scene(wide | {"radio": radio}))
+    said = "40 MS/s both ways are 320 MB/s; USB 3 carries some 246 MB/s, 30.72 MS/s both ways"
+    assert any(said in line for line in lines) == warned
+
+
 @pytest.mark.parametrize("name", ["my_bench", "my_box"])
 def test_the_pages_scenes_are_complete_and_transmit_a_jammer(root, name):
     page = (root / "docs/hardware.md").read_text(encoding="utf-8")

@@ -10,7 +10,6 @@ from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
-from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
 
 W = Waveform()
@@ -175,12 +174,6 @@ def test_frames_of_any_level_pass_without_a_warning(level):
     assert create("hybrid", W).process((noise * np.float32(level)).view(np.complex64)).shape == (2, N)
 
 
-@pytest.mark.parametrize("option", ["joint", "live"])
-def test_options_of_earlier_releases_get_one_line_with_the_remedy(option):
-    scene = parse_scene({"methods": ["hybrid"], "method_options": {"hybrid": {option: True}}})
-    with pytest.raises(MitigationError, match=rf"^hybrid.{option} is gone: .*leave the option out$"):
-        create("hybrid", W, **scene.method_options["hybrid"])
-    with pytest.raises(MitigationError, match=f"hybrid.{option} is gone"):
-        create("hybrid", W, own_process=True, **{option: False})
+def test_what_the_other_method_cannot_be_is_one_line():
     with pytest.raises(MitigationError, match="hybrid.other is 'lms'; one of tcae, whitening"):
         create("hybrid", W, other="lms")

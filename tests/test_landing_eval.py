@@ -37,9 +37,7 @@ sensitivity_trials: 0
 
 
 @pytest.fixture
-def small(tmp_path, root, monkeypatch):
-    # test_engine's business
-    monkeypatch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
+def small(tmp_path, root):
     data = root / "flowgraphs" / "landing"
     text = SMALL + (
         f"trajectory: {{file: {data / 'approach_kord_10c.csv'}}}\n"

@@ -30,7 +30,7 @@ from radalt.core.returns.point import point_return
 from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform, altitude_to_delay_s, exp_cycles
 from radalt.evaluation.flowgraph import FlowgraphError
-from radalt.evaluation.overlap.report import write_report
+from radalt.evaluation.overlap.report import build_report
 from radalt.evaluation.radios.leakage_calibration import calibrate_leakage
 
 W = Waveform()
@@ -487,4 +487,4 @@ def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path)
 def test_a_run_without_a_frame_ends_in_one_line():
     rows = [{"trials": 0, "lock_losses": 1, "pd": None}]
     with pytest.raises(FlowgraphError, match="no frame: timing not acquired"):
-        write_report(None, None, rows, rows, None)
+        build_report({}, None, {"rows": rows}, None)

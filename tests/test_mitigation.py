@@ -639,7 +639,7 @@ def test_methods_work_for_other_sweeps(name):
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("median", {}, "unknown mitigation method 'median'; known: none, lms,"),
+        ("median", {}, "unknown mitigation method 'median'; allowed: none, lms,"),
         (
             "whitening",
             {"smooth_hz": 3},

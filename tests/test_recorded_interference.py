@@ -75,11 +75,13 @@ def test_other_files_are_the_same_samples(tmp_path, name):
     rails = np.round(3000 * rng.standard_normal((40_000, 2))).astype("<i2")
     save, fields = FORMS[name]
     save(tmp_path / name, rails)
-    a, b = (
-        RecordingEmitter(file=str(file), **given).samples(5000, RATE_HZ, np.random.default_rng(5))
+    emitters = [
+        RecordingEmitter(file=str(file), **given)
         for file, given in ((write(tmp_path, rails @ [1, 1j], 5e6), {}), (tmp_path / name, fields))
-    )
+    ]
+    a, b = (emitter.samples(5000, RATE_HZ, np.random.default_rng(5)) for emitter in emitters)
     np.testing.assert_allclose(a, b, atol=1e-5)
+    assert emitters[1].notes(RATE_HZ) == (f"{name}: no OFDM found, so its noise is not known",)
 
 
 def numbers(path, kind, rows=20_000):

@@ -87,12 +87,11 @@ def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
     """A result folder as ota_eval leaves it; figures and report.md only if it is to be whole."""
     folder = RunFolder(path, head_of(scene, methods))
     rows = rows_of(scene, batches)
-    ceiling = [r for r in rows if r["overlap"] == 0]
     run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     if whole:
-        write_report(folder, scene, rows, ceiling, run)
+        write_report(folder, scene, {"rows": rows}, run)
     else:
-        folder.write_report(build_report(folder.head, scene, rows, ceiling, run))
+        folder.write_report(build_report(folder.head, scene, {"rows": rows}, run))
     folder.close()
     return path
 
@@ -117,7 +116,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))
     run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
-    write_report(folder, scene, rows, [r for r in rows if r["overlap"] == 0], run)
+    write_report(folder, scene, {"rows": rows}, run)
     folder.close()
     text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
     assert "Points without a frame never acquired the timing; they have no Pd (–)." in text

@@ -2,12 +2,15 @@
 
 import os
 import re
+import sys
 from pathlib import Path
 
 import pytest
 import say_if_unknown
 from packaging.requirements import Requirement
 from waiting import ran
+
+import radalt
 
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 
@@ -127,6 +130,18 @@ def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(os_re
     said = say_if_unknown.verdict(os_release, python, "3.10.12.0")
     assert "\n" not in said and named in said
     assert "Debian 12 and 13" in said and "Python 3.10 to 3.13" in said and said.endswith("going on")
+
+
+def test_the_command_is_beside_the_environments_python(root, tmp_path):
+    """As the set-up makes it: from any folder, the package of its tree, run as a module."""
+    (tmp_path / "python").symlink_to(root / "python")
+    environment = tmp_path / "env/bin"
+    environment.mkdir(parents=True)
+    (environment / "python").symlink_to(sys.executable)
+    made = [f"VENV={tmp_path}/env", f"STAMPS={tmp_path}", "-o", f"{tmp_path}/debian", f"{environment}/radalt"]
+    assert ran("make", *made, cwd=root).returncode == 0
+    done = ran(environment / "radalt", "--version", cwd=tmp_path, env=os.environ | {"PYTHONPATH": ""})
+    assert (done.stdout, done.stderr) == (f"radalt {radalt.__version__}\n", "")
 
 
 def test_bare_system_without_root_is_one_line(root, tmp_path):

@@ -2,13 +2,14 @@
 
 `__all__` is what one calls from Python; it needs no GNU Radio (`radalt.api`). `radalt.<block>` is the class `<block>`
 of `blocks/<block>.py`, a GNU Radio block. Each is imported on first use, so that a program loads, and needs, only what
-it contains; `dir(radalt)` lists them.
+it contains; `dir(radalt)` lists them where GNU Radio is.
 
 Installed by CMake, Python packages lie in lib/gr-radalt of the same prefix. They come last on Python's path, so that
 GNU Radio and other modules keep the NumPy they were built for.
 """
 
-import importlib
+import contextlib
+import importlib.util
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -101,4 +102,9 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_BLOCKS, *_SUBPACKAGES})
+    names = {*__all__, *(name for name in globals() if name.startswith("__"))}
+    with contextlib.suppress(
+        ImportError
+    ):  # a namespace package `gnuradio` with `radalt` only is no GNU Radio
+        names |= set(_BLOCKS) if importlib.util.find_spec("gnuradio.gr") else set()
+    return sorted(names)

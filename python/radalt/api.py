@@ -12,8 +12,10 @@ Nothing here needs GNU Radio.
 """
 
 import dataclasses
-import time
-from collections.abc import Iterable, Sequence
+import functools
+import json
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -23,8 +25,10 @@ import numpy as np
 from .core.channel.settings import DropSettings
 from .core.mitigation import CUSTOM, METHODS, Mitigation, MitigationError, create
 from .core.mitigation.function import MethodLike, as_methods
+from .core.parsing import did_you_mean
 from .core.paths import scene_names
-from .core.scene import Scene, SceneError, load_scene
+from .core.scene import Scene, SceneError, load_scene, parse_scene
+from .core.usual_errors import usual_errors
 from .core.waveform import Waveform
 
 if TYPE_CHECKING:
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["Names", "Report", "evaluate", "method", "methods", "scenes", "simulate"]
 
 Numbers: TypeAlias = "float | Iterable[float] | None"
+SceneLike: TypeAlias = "str | Path | Scene | dict[str, Any]"
 
 
 class Names(tuple[str, ...]):
@@ -95,8 +100,9 @@ def method(name: MethodLike, waveform: Waveform, **options: Any) -> Mitigation:
         return create(known, waveform, **options)
 
 
+@usual_errors
 def simulate(
-    scene: str | Path | Scene = "paper_qpsk",
+    scene: SceneLike = "paper_qpsk",
     *,
     sir_db: float | None = None,
     overlap: float | None = None,
@@ -113,9 +119,9 @@ def simulate(
 
     Parameters
     ----------
-    scene : str, Path or Scene
-        One of `radalt.scenes`, a YAML file, or `load_scene`'s result: in a loop the latter, since reading a file takes
-        longer than making a frame.
+    scene : str, Path, dict or Scene
+        One of `radalt.scenes`, a YAML file, its content, or `load_scene`'s result: in a loop the latter, since reading
+        a file takes longer than making a frame.
     sir_db, overlap, snr_db : float, optional
         Signal to all interference over the whole frame, active fraction of the frame (0..1), signal to noise; default
         the scene's.
@@ -148,7 +154,7 @@ def simulate(
     from .evaluation.overlap.points import changed
     from .evaluation.simulation import both_received
 
-    chosen = scene if isinstance(scene, Scene) else load_scene(scene)
+    chosen = _scene(scene)
     chosen = changed(
         chosen, altitudes_m=_numbers(altitude_m), frames=_per_altitude(chosen, altitude_m, frames), seed=seed
     )
@@ -175,6 +181,12 @@ def simulate(
     return np.stack([first, second], axis=1), truth_m
 
 
+def _scene(scene: SceneLike) -> Scene:
+    if isinstance(scene, dict):
+        return parse_scene(scene)
+    return scene if isinstance(scene, Scene) else load_scene(scene)
+
+
 def _numbers(values: Numbers) -> tuple[float, ...] | None:
     if values is None:
         return None
@@ -195,9 +207,10 @@ def _per_altitude(scene: Scene, altitudes_m: Numbers, frames: int | None) -> int
     return -(-frames // count)
 
 
+@usual_errors
 def evaluate(
-    scene: str | Path | Scene = "paper_qpsk",
-    methods: Sequence[MethodLike] | None = None,
+    scene: SceneLike = "paper_qpsk",
+    methods: MethodLike | Sequence[MethodLike] | None = None,
     *,
     overlap: Numbers = None,
     sir_db: Numbers = None,
@@ -216,10 +229,10 @@ def evaluate(
 
     Parameters
     ----------
-    scene : str, Path or Scene
-        One of `radalt.scenes`, a YAML file, or `load_scene`'s result.
+    scene : str, Path, dict or Scene
+        One of `radalt.scenes`, a YAML file, its content, or `load_scene`'s result.
     methods : sequence, optional
-        What is compared on the same frames, each as in `method`; default the scene's.
+        What is compared on the same frames, each as in `method`, or one of these alone; default the scene's.
     overlap, sir_db, snr_db : number or iterable of numbers, optional
         Axes of the sweep; default the scene's. With three SIRs or more there are break-points.
     altitude_m : number or iterable of numbers, optional
@@ -229,7 +242,7 @@ def evaluate(
     seed : int, optional
         Everything random follows from it; default the scene's.
     out : path, optional
-        Result folder; default ``results/SCENE-DATE-TIME``.
+        Result folder; by default the rows stay in memory and nothing is written.
     resume : bool
         Complete the run that ``out`` holds.
     jobs : int
@@ -242,15 +255,22 @@ def evaluate(
     ------
     SceneError, MitigationError, FolderError, WorkerError
         For what does not fit, one line; the rows so far are kept in ``out``.
+    KeyboardInterrupt
+        At Ctrl-C, one line: how many points are kept.
     """
     from .evaluation.engine.command import Bar
     from .evaluation.engine.options import Options
-    from .evaluation.engine.run import run
+    from .evaluation.engine.run import head_of, in_memory, run
     from .evaluation.overlap.points import changed
+    from .evaluation.overlap.report import build_report
     from .evaluation.overlap.study import OverlapStudy, describe_rows
+    from .evaluation.results.folder import FolderError, plain_json
 
-    chosen = scene if isinstance(scene, Scene) else load_scene(scene)
-    folder = Path("results", f"{chosen.name}-{time.strftime('%Y%m%d-%H%M%S')}") if out is None else Path(out)
+    chosen = _scene(scene)
+    if methods is not None and (isinstance(methods, str) or callable(methods)):
+        methods = [methods]
+    if resume and out is None:
+        raise FolderError("resume needs out, the folder of the run to complete")
     if jobs > 1 and any(not isinstance(m, str) for m in methods or ()):
         raise MitigationError(
             f"jobs is {jobs}, and a function is known to this process alone; leave jobs at 1, or put it into a file: "
@@ -269,13 +289,35 @@ def evaluate(
         )
         study = OverlapStudy(chosen, flowgraph=False)
         study.check()
-        bar = Bar(describe_rows)
+        bar, workers = Bar(describe_rows, quiet=not progress), jobs if jobs > 1 else 0
         try:
-            options = Options(out=folder, resume=resume, jobs=jobs if jobs > 1 else 0)
-            run(study, options, bar if progress else lambda _: None)
+            if out is None:
+                rows, facts = in_memory(study, workers, bar)
+                content = build_report(head_of(study), chosen, rows, facts, left_out=study.left_out())
+                return Report(None, json.loads(json.dumps(plain_json(content))))
+            run(study, Options(out=Path(out), resume=resume, jobs=workers), bar)
+        except KeyboardInterrupt:
+            line = "stopped"
+            if out is not None and bar.last is not None:
+                kept = f"{bar.last.done} of {bar.last.total} points are kept"
+                line += f"; {kept}, go on with resume=True and out={str(out)!r}"
+            sys.excepthook = functools.partial(_one_line, sys.excepthook)
+            raise _Stopped(line) from None
         finally:
             bar.close()
-    return Report.read(folder)
+    return Report.read(out)
+
+
+class _Stopped(KeyboardInterrupt):
+    """Ctrl-C during `evaluate`."""
+
+
+def _one_line(before: Callable[..., None], kind: type, error: BaseException, trace: Any) -> None:
+    """`sys.excepthook` that prints `_Stopped` without its traceback."""
+    if isinstance(error, _Stopped):
+        print(error, file=sys.stderr)
+    else:
+        before(kind, error, trace)
 
 
 @dataclass(frozen=True)
@@ -284,13 +326,13 @@ class Report:
 
     Attributes
     ----------
-    folder : Path
-        Result folder: report.json, report.md, report.html, rows.csv, figures, the scene as used.
+    folder : Path or None
+        Result folder: report.json, report.md, report.html, rows.csv, figures, the scene as used; None in memory.
     content : dict
         ``report.json``.
     """
 
-    folder: Path
+    folder: Path | None
     content: dict[str, Any] = dataclasses.field(repr=False)
 
     @classmethod
@@ -302,7 +344,11 @@ class Report:
 
     @property
     def html(self) -> Path:
-        """The whole report as one page, ``report.html``."""
+        """The whole report as one page, ``report.html``; raises FolderError for a report in memory."""
+        from .evaluation.results.folder import FolderError
+
+        if self.folder is None:
+            raise FolderError("the report is in memory; evaluate(..., out=FOLDER) writes it")
         return self.folder / "report.html"
 
     @property
@@ -328,9 +374,17 @@ class Report:
         ----------
         against : str, optional
             ``"sir_db"`` or ``"overlap"``; default the SIR where there are break-points.
+
+        Raises
+        ------
+        ValueError
+            For another axis.
         """
         from .evaluation.overlap.figures import draw_pd
 
+        if against not in (None, *_AXES):
+            near = did_you_mean(against, _AXES)
+            raise ValueError(f"against is {against!r}; {near}there are: {', '.join(_AXES)}")
         axis = against or ("sir_db" if self.content["break_points"] else "overlap")
         figure: Figure = draw_pd(self.content["rows"], None, title=self.content["title"], against=axis)
         return figure
@@ -344,13 +398,23 @@ class Report:
         return self.table.to_pandas()
 
     def __str__(self) -> str:
-        return f"{self.content['title']}\n\n{self.table}\n\n{self.html}"
+        """Ten lines at most: title, break-points or points, as many as fit, and the page."""
+        name, rows = next(
+            (n, r) for n, r in (("break_points()", self.break_points()), ("table", self.table)) if len(r)
+        )
+        lines = [self.content["title"].replace("\n", ", "), *str(rows[:5]).splitlines()]
+        more = len(rows) - 5
+        lines += [f"and {more} more: report.{name}"] * (more > 0) + (
+            [] if self.folder is None else [str(self.html)]
+        )
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         """For notebooks."""
         return self.table._repr_html_()
 
 
+_AXES = ("sir_db", "overlap")
 _SHOWN = ("method", "overlap", "sir_db", "snr_db", "trials", "pd", "pd_low", "pd_high", "rmse_forced_m")
 _BREAK_POINTS = (
     "method",

@@ -39,12 +39,20 @@ def write_report(
         "breaks": break_points(rows, entries),
         "levels": levels(rows, entries),
         "summary": summary_table(summary) if summary else "",
+        "headline": _headline(summary),
         "turns": turns_table(tables["turns"]) if tables["turns"] else "",
         "null": false_altitudes(null, _bounds(study)) if null else "",
         "digest": study.cases.digest,
     }
     template = Path(__file__).with_name("report.md.j2")
     return write_result(folder, template, run.as_dict(), {"summary": summary}, values)
+
+
+def _headline(summary: Mapping[str, Mapping[str, float]]) -> str:
+    """The entries that hold most, all that the table does not tell apart."""
+    held = {name: round(s["held_db"], 1) for name, s in summary.items() if math.isfinite(s["held_db"])}
+    best = [name for name, held_db in held.items() if held_db == max(held.values())]
+    return f"{', '.join(best)} {'holds' if len(best) == 1 else 'hold'} most."
 
 
 def _bounds(study: "BenchStudy") -> dict[str, float]:

@@ -14,11 +14,6 @@ from .lists import Case, CaseList, load_list
 from .rows import COLUMNS, row_of
 from .turns import TURN_COLUMNS, turn_rows
 
-_FRAME_S = (
-    4e-3  # CPU time of a frame of sources, channel and segmenter, s: measured, 1 ms to 20 ms by emitter
-)
-_ENTRY_S = 3e-3  # of a frame of a method and the altimeter, s: a network's
-
 
 @dataclass(frozen=True)
 class BenchPoint(Point):
@@ -99,12 +94,6 @@ class BenchStudy(Study):
                 row = row_of(names, case, entry, frames, run(entry, frames))
                 failed[entry] = failed[entry] + 1 if row["pd"] < case.grid.stop_below_pd else 0
                 yield row
-
-    def seconds(self, point: Point) -> float:
-        """See `Study.seconds`: half of the grid, on the average, where entries stop."""
-        assert isinstance(point, BenchPoint)
-        share = 0.5 if self._list.cases[point.number].grid.stop_below_pd else 1.0
-        return share * point.frames * (_FRAME_S + _ENTRY_S * len(self.entries))
 
     def files(self) -> dict[str, Path]:
         """See `Study.files`: the list, and the users' files."""

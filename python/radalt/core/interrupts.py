@@ -11,6 +11,9 @@ def ctrl_c_waits() -> Iterator[None]:
 
     An interrupted import of a compiled package raises ImportError, as if the package were missing.
     """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

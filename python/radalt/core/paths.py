@@ -1,9 +1,11 @@
 """Paths of scenes, flowgraphs and models: in the source tree, in a wheel, or where CMake installed them."""
 
+import importlib
 import os
 import re
 import sys
 from pathlib import Path
+from types import ModuleType
 
 
 def share_dir() -> Path:
@@ -36,6 +38,20 @@ def remedy(*packages: str) -> str:
         return "run 'make setup' and use .venv/bin/python"
     names = " ".join(packages)
     return f"'make install' brings it along; without: {sys.executable} -m pip install --user {names}"
+
+
+def extra(name: str) -> ModuleType:
+    """An optional package; raises InputError, one line that says how to install it, where it is missing."""
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        from .parsing import InputError  # needs NumPy, which a wrong Python lacks
+
+        raise InputError(
+            f"this needs the package {name}, which {sys.executable} lacks; {remedy(name)}"
+        ) from None
 
 
 def say_other_installation() -> None:

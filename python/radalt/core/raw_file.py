@@ -23,10 +23,11 @@ _FLOATS = 1e-20, 1e15  # what receivers write lies within it, and four of ten 32
 
 
 class RawFile:
-    """An opened file: ``rate_hz``, ``sample_count``, and ``head``, which is empty; see `open_raw`."""
+    """An opened file: ``rate_hz``, ``sample_count``, and ``head`` and ``notes``, which are empty; see `open_raw`."""
 
     def __init__(self, rails: np.ndarray, rate_hz: float) -> None:
         self.head: dict[str, object] = {}
+        self.notes: list[str] = []
         self.rate_hz, self.sample_count, self._rails = float(rate_hz), len(rails), rails
 
     def read(self, start: int, count: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .parsing import LARGEST, InputError, check_file, read_bytes, shown
-from .paths import remedy
+from .paths import extra
 from .raw_file import RawFile, as_rails, value_type
 
 EXTENSIONS = [
@@ -104,11 +104,7 @@ def open_sigmf(path: Path | str) -> SigmfFile:
     InputError
         One line: what is missing, truncated or does not match.
     """
-    try:
-        import sigmf
-    except ImportError:
-        raise InputError(f"SigMF needs the package sigmf; {remedy('sigmf')}") from None
-    path = Path(path)
+    sigmf, path = extra("sigmf"), Path(path)
     archive = path.name.endswith(_ARCHIVES) and path.is_file()
     meta = path if archive else path.with_suffix(".sigmf-meta")
     if not meta.is_file():
@@ -177,7 +173,9 @@ def _archived(path: Path) -> tuple[bytes, _Data]:
                 continue
             most = _META_BYTES if ending == ".sigmf-meta" else _DATA_BYTES if plain else _UNPACKED_BYTES
             if size > most:
-                raise ValueError(f"{shown(name)} has {size >> 20} MiB, at most {most >> 20} are unpacked")
+                raise ValueError(
+                    f"{shown(name)} has {size >> 20} MiB, at most {most >> 20} are unpacked: extract it"
+                )
             found[ending].append(member)
         meta, data = found.values()
         if len(meta) != 1 or len(data) != 1:

@@ -7,7 +7,6 @@ GNU Radio Companion find a module below an unusual prefix.
 """
 
 import ast
-import difflib
 import importlib
 import re
 import shlex
@@ -22,7 +21,6 @@ from ..core.paths import share_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
-_TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # commands until 0.2.0
 # commands until 0.3.0, and what measures the same now
 _MOVED = {
     "cancellation": "radalt bench evm",
@@ -88,12 +86,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name in _MOVED:
         return moved(name)
     if name not in programs():
-        known = [*programs(), "env"]
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
-        if name in _TOOLS:
-            hint = f"it is a tool of the source tree: .venv/bin/python tools/{name.replace('-', '_')}.py"
-        print(f"radalt: no command {name[:40]!r}; {hint}", file=sys.stderr)
+        from ..core.parsing.messages import allowed  # NumPy comes with it
+
+        print(f"radalt: no command {name[:40]!r}; {allowed(name, [*programs(), 'env'])}", file=sys.stderr)
         return 2
     try:
         program = load(name)
@@ -141,7 +136,3 @@ def _environment() -> str:
         rest = '":${MANPATH:-}"' if name == "MANPATH" else f'"${{{name}:+:${name}}}"'
         lines.append(f"export {name}={shlex.quote(str(value))}{rest}")
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -12,7 +12,7 @@ import pkgutil
 import re
 
 from ..cores import allowed_cores
-from ..parsing import arguments
+from ..parsing import allowed, arguments, shown
 from ..plugins import load_plugins
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..receiver.frame_quality import FrameQuality
@@ -79,7 +79,7 @@ def method_class(name: str) -> type[Mitigation]:
     if name == CUSTOM:
         return Custom
     if name not in METHODS:
-        raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
+        raise MitigationError(f"unknown mitigation method {shown(name)}; {allowed(name, METHODS)}")
     return METHODS[name]
 
 
@@ -160,9 +160,6 @@ def create(
     method = method_class(name)
     if isinstance(batch, bool) or not isinstance(batch, int) or not 1 <= batch <= 64:
         raise MitigationError(f"{name}.batch is {batch!r}; it has to be a whole number within 1..64")
-    gone = next((option for option in parameters if option in method.removed), None)
-    if gone is not None:
-        raise MitigationError(f"{name}.{gone} is gone: {method.removed[gone]}")
     known = inspect.signature(method).parameters
     if max_altitude_m is not None and "span_m" in known:
         parameters = {"span_m": max_altitude_m, **parameters}

@@ -1,13 +1,14 @@
 """The one interface of every mitigation method."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from ..receiver.frame_quality import levels, rail_peak
+from ..usual_errors import usual_errors
 from ..waveform import Waveform
 
 _RESERVED = ("custom", "mitigation")  # the method of a file, and no method's name
@@ -59,8 +60,6 @@ class Mitigation(ABC):
         Frames processed since construction or `reset`.
     diverged_frames : int
         Frames in which an adaptive method left its stable region; always 0 for the others.
-    removed : mapping of str to str
-        Options that earlier releases had, and what to do about each.
     beyond_frames : int
         Frames that passed unchanged because the ground lies beyond the span (`BeyondSpan`).
     frame_quality : callable
@@ -81,7 +80,6 @@ class Mitigation(ABC):
     style: ClassVar[PlotStyle | None] = None
     batch: ClassVar[int] = 4
     runs_network: ClassVar[bool] = False
-    removed: ClassVar[Mapping[str, str]] = {}
     outside_cpu_ns = 0
     independent = False
     # a method inside another one needs no more: its frames have been examined
@@ -97,6 +95,7 @@ class Mitigation(ABC):
         self.diverged_frames = 0
         self.beyond_frames = 0
 
+    @usual_errors
     def process(self, frames: np.ndarray, quality: np.ndarray | None = None) -> np.ndarray:
         """Clean ``(n, N)`` or ``(N,)`` complex64 frames; the input is left untouched.
 
@@ -161,6 +160,14 @@ class Mitigation(ABC):
     def carries_altitude(self) -> bool:
         """Whether the output keeps the return's delay; where it does not, altitudes from it mean nothing."""
         return True
+
+    def __repr__(self) -> str:
+        w, status = self.waveform, self.status()
+        model = f" of {status['model']}" if "model" in status else ""
+        return (
+            f"<{self.name}{model}: {w.bandwidth_hz / 1e6:g} MHz in {w.sweep_s * 1e3:g} ms, "
+            f"{w.samples_per_frame} samples per frame; {self.frames} frames so far>"
+        )
 
     def status(self) -> dict[str, object]:
         """Counters and state a report should show."""

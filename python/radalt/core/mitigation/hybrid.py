@@ -1,7 +1,5 @@
 """OFDM and QPSK are cancelled where they can be demodulated; everything else goes to the network, or is whitened."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from ..waveform import Waveform
@@ -67,10 +65,6 @@ class Hybrid(Mitigation):
     style = PlotStyle("#4411EE", "X", (0, (8, 1)))
     batch = 1  # the network's last bits depend on the batch
     runs_network = True
-    removed: ClassVar = {
-        "joint": "QPSK and OFDM in one band are no longer demodulated jointly; leave the option out",
-        "live": "searches have a budget where frames may be dropped (drop_when_slow); leave the option out",
-    }
 
     def __init__(
         self,

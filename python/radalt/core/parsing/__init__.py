@@ -7,10 +7,11 @@
 
 from .files import check_file, load_yaml, read_bytes, read_csv, read_text
 from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
-from .messages import InputError, allowed, check_range, did_you_mean, shown
+from .messages import MINUS, InputError, allowed, check_range, did_you_mean, shown
 
 __all__ = [
     "LARGEST",
+    "MINUS",
     "InputError",
     "allowed",
     "arguments",

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .messages import CONTROL, allowed, shown
+from .messages import CONTROL, MINUS, allowed, shown
 
 LARGEST = 1e12  # largest magnitude of a quantity in any unit: its square stays finite in float32
 # largest magnitude by the unit in which a name ends; wider than any use, and powers of ten, squares and tables of it
@@ -143,7 +143,7 @@ def _fitting(options: list[Any], value: Any) -> Any:
 def _number(text: str) -> float:
     """A text as a number; NaN if it is none."""
     try:
-        return float(text)
+        return float(text.replace(MINUS, "-"))
     except ValueError:
         return math.nan
 
@@ -153,7 +153,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
         # YAML 1.1 takes 7.5e6 (no sign in the exponent) for text; users mean the number
         if isinstance(value, str):
             try:
-                value = float(value)
+                value = float(value.replace(MINUS, "-"))
             except ValueError:
                 raise ValueError(
                     f"{where} is {shown(value)}; expected a number, in the unit its name states"
@@ -164,7 +164,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
     if hint is int:
         if isinstance(value, str):
             try:
-                value = float(value)
+                value = float(value.replace(MINUS, "-"))
             except ValueError:
                 raise ValueError(f"{where} is {shown(value)}; expected a whole number") from None
         number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
@@ -181,7 +181,8 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
         return value
     if hint is str:
         if not isinstance(value, str):
-            raise ValueError(f"{where} is {shown(value)}; expected text")
+            quoted = ": quote it, since YAML takes it for a number" * isinstance(value, (int, float))
+            raise ValueError(f"{where} is {shown(value)}; expected text{quoted}")
         if CONTROL.search(value):
             raise ValueError(f"{where} is {shown(value)}; expected text without control characters")
         return value

@@ -8,6 +8,7 @@ from typing import Any
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+MINUS = "\u2212"  # the minus sign of texts and figures, which no number of Python has
 # limits of a value in a message, so that a line has room for the limit and the remedy, too
 _SHOWN = reprlib.Repr()
 _SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother, _SHOWN.maxlong = 2, 60, 60, 40
@@ -28,17 +29,24 @@ def shown(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
+def _near(name: Any, known: Iterable[str]) -> list[str]:
+    """Known names that may have been meant, the nearest first."""
+    known, text = list(known), shown(name).strip("'")
+    close = difflib.get_close_matches(text, known, max(1, len(known)))
+    return list(dict.fromkeys([*close, *(k for k in known if len(text) > 2 and text in k)]))
+
+
 def did_you_mean(name: Any, known: Iterable[str]) -> str:
     """A sentence with the known name that is nearest, and a space behind it; empty if none is near."""
-    close = difflib.get_close_matches(shown(name).strip("'"), known, 1)
-    return f"did you mean {close[0]!r}? " if close else ""
+    near = _near(name, known)
+    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def allowed(name: Any, known: Iterable[str]) -> str:
     """A sentence with all known names, near ones first, and with the one that was probably meant."""
     known = list(known)
-    near = difflib.get_close_matches(shown(name).strip("'"), known, max(1, len(known)))
-    return f"{did_you_mean(name, known)}allowed: {', '.join(dict.fromkeys([*near, *known])) or 'nothing'}"
+    names = dict.fromkeys([*_near(name, known), *known])
+    return f"{did_you_mean(name, known)}allowed: {', '.join(names) or 'nothing'}"
 
 
 def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:

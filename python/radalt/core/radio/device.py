@@ -3,6 +3,7 @@
 Scenes import this file, and the other radio code imports scenes: it imports only the plugins of this package.
 """
 
+import math
 from dataclasses import dataclass
 
 from ..plugins import load_plugins
@@ -33,6 +34,8 @@ class Device:
         Ports, distinct since the radar transmits and receives at once.
     two_channels_hz : float
         Highest master clock with two receive channels; 0 where there is one.
+    link_hz : float
+        Samples per second that the link to the computer carries, both directions together.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Device:
     tx_antenna: str
     rx_antenna: str
     two_channels_hz: float = 0.0
+    link_hz: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("tuning_hz", "master_clock_hz", "rate_hz", "tx_gain_db", "rx_gain_db"):
@@ -76,6 +80,7 @@ B210 = Device(
     tx_antenna="TX/RX",
     rx_antenna="RX2",
     two_channels_hz=30.72e6,
+    link_hz=61.44e6,  # 246 MB/s of 16-bit IQ, host bandwidth of USB 3 (Ettus AN-177)
 )
 DEVICES: dict[str, Device] = {}
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..parsing import InputError, shown
+from ..paths import extra
 from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
 from ..sigmf_file import EXTENSIONS, SigmfFile, open_sigmf
 
@@ -74,10 +75,8 @@ def write_metadata(
         ``calibration_samples``, ``full_scale``, for a recording by radio: settings of the segmenter that the scene does
         not give.
     """
-    import sigmf
-
     w = scene.waveform
-    recording = sigmf.SigMFFile(
+    recording = extra("sigmf").SigMFFile(
         data_file=str(data_file),
         global_info={
             "core:datatype": "cf32_le",

@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import fft, special
 
+from ..usual_errors import usual_errors
 from ..waveform import Waveform, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, SPEED_M_PER_S, AltimeterSettings, Reason
 from .beat_spectra import SHAPE_POINTS, BeatSpectra, Spectra
@@ -183,6 +184,7 @@ class Altimeter(BeatSpectra):
 
     # -- detection ------------------------------------------------------------------------------------------------
 
+    @usual_errors
     def process(
         self,
         frames: np.ndarray,

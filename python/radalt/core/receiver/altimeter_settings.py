@@ -123,19 +123,3 @@ class AltimeterSettings:
         if self.max_vertical_speed_m_per_s is None and vertical_speed_m_per_s is not None:
             span["max_vertical_speed_m_per_s"] = abs(vertical_speed_m_per_s)
         return replace(self, **span) if span else self
-
-
-def pfa_is_per_frame(pfa: float, waveform: Waveform, settings: AltimeterSettings) -> str:
-    """What is wrong with the key ``pfa``, false alarms per half resolution cell, and the same rate per frame."""
-    settings = settings.resolved(waveform)
-    named = settings.max_vertical_speed_m_per_s
-    doppler_hz = waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S if named is None else named)
-    assert settings.max_altitude_m is not None  # resolved
-    span_hz = (
-        waveform.altitude_to_beat_hz(settings.max_altitude_m - settings.min_altitude_m) + 2.0 * doppler_hz
-    )
-    per_frame = pfa * 2.0 * (float(span_hz) * waveform.half_sweep_s + 2.0)
-    return (
-        f"altimeter.pfa is {pfa:g}, false alarms per half resolution cell; give them per frame: pfa_per_frame: "
-        f"{min(max(per_frame, 1e-9), 0.5):.3g} is the same rate here"
-    )

@@ -16,7 +16,6 @@ from ..interference.emitters import NamedEmitter, emitter_class, emitter_names
 from ..interference.placement import Interferer
 from ..parsing import InputError, allowed, build, convert, did_you_mean, load_yaml, plain, shown
 from ..paths import scene_names, scene_path, share_dir
-from ..receiver.altimeter_settings import pfa_is_per_frame
 from ..text import one_line
 from .scene import Scene
 
@@ -70,7 +69,7 @@ def _located(value: Any, folder: Path, where: str) -> Any:
     if isinstance(value, list):
         return [_located(part, folder, f"{where}.{number}") for number, part in enumerate(value)]
     kind = next((kind for keys, kind in _FILES.items() if re.fullmatch(keys, where)), "")
-    if kind == "" or not isinstance(value, str) or not value:
+    if kind == "" or not isinstance(value, str) or not value or os.path.isabs(value):
         return value
     if "+" in value and not os.path.exists(folder / value):  # a network's encoder and decoder
         return "+".join(_located(part, folder, where) for part in value.split("+"))
@@ -90,24 +89,12 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene", folder: Path | N
     """A validated `Scene` from nested mappings as YAML gives them; files are sought in ``folder`` first."""
     try:
         data = data if folder is None else _located(data, folder, "")
-        data, pfa = without_pfa(data)
         scene: Scene = build(Scene, data, "", {"interference": interference_from_yaml}, renamed=_RENAMED)
-        if pfa is not None:
-            raise ValueError(pfa_is_per_frame(pfa, scene.waveform, scene.altimeter_settings))
         if scene.landing is not None and "programme_m" not in (data.get("altitude") or {}):
             scene = _with_landing(scene)
         return scene
     except (ValueError, OSError) as error:
         raise SceneError(one_line(f"{source}: {error}")) from None
-
-
-def without_pfa(data: Any) -> tuple[Any, float | None]:
-    """A mapping without the former key ``altimeter.pfa``, and its value."""
-    altimeter = data.get("altimeter") if isinstance(data, dict) else None
-    if not (isinstance(altimeter, dict) and "pfa" in altimeter):
-        return data, None
-    rest = {key: value for key, value in altimeter.items() if key != "pfa"}
-    return data | {"altimeter": rest}, convert(float, altimeter["pfa"], "altimeter.pfa")
 
 
 def _with_landing(scene: Scene) -> Scene:

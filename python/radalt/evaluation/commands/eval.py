@@ -104,16 +104,16 @@ def _scene(args: argparse.Namespace) -> Any:
     from ..overlap.points import changed, parse_axis
 
     scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
-    own = own_methods(args)
+    own = own_methods(args)  # first: --methods may name them
     for option, name, given, parse in (
+        ("--method-file or --model", "own", own or None, lambda own, _: own),
+        ("--methods", "methods", args.methods, lambda text, _: list(dict.fromkeys([*_names(text), *own]))),
         ("--overlap", "overlap", args.overlap, parse_axis),
         ("--sir-db", "sir_db", args.sir_db, parse_axis),
         ("--snr-db", "snr_db", args.snr_db, parse_axis),
         ("--altitudes", "altitudes_m", args.altitudes, parse_axis),
         ("--frames", "frames", args.frames, lambda frames, _: frames),
         ("--seed", "seed", args.seed, lambda seed, _: seed),
-        ("--methods", "methods", args.methods, lambda text, _: _names(text)),
-        ("--method-file or --model", "own", own or None, lambda own, _: own),
     ):
         try:
             scene = scene if given is None else changed(scene, **{name: parse(given, option)})

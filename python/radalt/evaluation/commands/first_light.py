@@ -35,7 +35,7 @@ def _parser() -> Parser:
         help="whose latencies are compared (default: %(default)s)",
     )
     add("--minutes", type=number(float, 0.001, 30), help="of the last step (default: 10, with --sim 0.02)")
-    add("--out", type=path, help="result folder (default: first-light-DATE-TIME)")
+    add("--out", type=path, help="result folder (default: results/first-light-DATE-TIME)")
     return parser
 
 
@@ -56,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         wanted = ("receiver", "radar", *wanted)
     bench = Bench(
         load_scene(args.scene or "paper_qpsk"),
-        args.out or Path(time.strftime("first-light-%Y%m%d-%H%M%S")),
+        args.out or Path("results", time.strftime("first-light-%Y%m%d-%H%M%S")),
         simulated=args.sim,
         transmit=args.transmit,
         frames=args.frames,

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from ...core.mitigation import METHODS
 from ...core.waveform import Waveform
-from ..results.chain import Chain, seconds_per_frame
+from ..results.chain import Chain
 from .study import Study
 
 
@@ -25,10 +25,6 @@ class ChainStudy(Study):
     def needs_network(self) -> bool:
         """See `Study`."""
         return any(METHODS[chain.method].runs_network for chain in self.chains)
-
-    def seconds_per_frame(self) -> float:
-        """CPU seconds per frame of all chains together, on this machine."""
-        return sum(seconds_per_frame(c.method, self.waveform, c.settings, c.options) for c in self.chains)
 
     def files(self) -> dict[str, Path]:
         """The networks, each under the label of its chain."""

@@ -1,4 +1,4 @@
-"""Running a study from a command line: estimate, progress, one line for each error."""
+"""Running a study from a command line: extent, progress, one line for each error."""
 
 import errno
 import os
@@ -8,12 +8,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..results.folder import FolderError
+from ..results.folder import FolderError, RunFolder
 from ..results.table import counted
-from .estimate import AROUND_S, estimate
 from .options import EXPECTED, Options, Terminated, complain, duration
 from .publish import check_target, publish
-from .run import Progress, run
+from .run import Progress, head_of, run
 from .study import Study
 
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
@@ -22,12 +21,14 @@ _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 class Bar:
     """Progress bar on a terminal, one line per point elsewhere."""
 
-    def __init__(self, describe: Callable[[Sequence[dict]], str]) -> None:
-        self._describe, self._bar, self._told = describe, None, False
+    def __init__(self, describe: Callable[[Sequence[dict]], str], *, quiet: bool = False) -> None:
+        self._describe, self._quiet, self._bar, self._told = describe, quiet, None, False
         self.last: Progress | None = None
 
     def __call__(self, p: Progress) -> None:
         self.last = p
+        if self._quiet:
+            return
         if p.rejected and not self._told:
             self._told = True
             more = f" and {len(p.rejected) - 1} others" if len(p.rejected) > 1 else ""
@@ -47,7 +48,8 @@ class Bar:
             self._bar = tqdm(total=p.total, initial=p.done, unit="point", dynamic_ncols=True, bar_format=form)
         self._bar.total = p.total
         self._bar.update(p.done - self._bar.n)
-        self._bar.set_postfix_str(f"about {duration(p.remaining_s)} left")
+        if p.remaining_s is not None:
+            self._bar.set_postfix_str(f"about {duration(p.remaining_s)} left")
 
     def close(self) -> None:
         """End the bar's line."""
@@ -79,8 +81,11 @@ def main(
             if not study.published:
                 raise FolderError(f"--publish {options.publish}: this study has no page in the documentation")
             check_target(options.publish)
-        print(f"{program}: {_cost(study, options)} -> {options.out}", flush=True)
+        points = study.points()
+        frames = counted(sum(p.frames for p in points), "frame")
+        print(f"{program}: {counted(len(points), 'point')}, {frames} -> {options.out}", flush=True)
         if dry_run:
+            RunFolder(options.out, head_of(study), resume=options.resume, dry=True)
             return 0
         page = run(study, options, bar)
         bar.close()
@@ -105,16 +110,6 @@ def _said(error: Exception, options: Options) -> Exception | str:
         return error
     kept = "the points so far are kept: mend that and go on with --resume"
     return f"{error.filename or options.out} cannot be written ({error.strerror}); {kept}"
-
-
-def _cost(study: Study, options: Options) -> str:
-    """Points, frames and time before the run."""
-    points = study.points()
-    if options.scheduler:
-        time_text = f"{duration(estimate(study, points, 1))} of one core's time"
-    else:
-        time_text = duration(estimate(study, points, options.jobs) + AROUND_S)
-    return f"{counted(len(points), 'point')}, {counted(sum(p.frames for p in points), 'frame')}, about {time_text}"
 
 
 def _kept(options: Options, last: Progress | None) -> str:

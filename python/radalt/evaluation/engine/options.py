@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NoReturn
 
-from ...core.parsing.messages import did_you_mean
+from ...core.parsing.messages import MINUS, did_you_mean
 from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
@@ -48,7 +48,7 @@ def number(kind: type, low: float, high: float) -> Callable[[str], float]:
 
     def parse(text: str) -> float:
         try:
-            value = kind(text)
+            value = kind(text.replace(MINUS, "-"))
         except ValueError:
             value = None
         if value is None or not low <= value <= high:
@@ -232,7 +232,7 @@ def add_options(
         default=time_limit_s,
         help="longest time for one point (default: %(default)g)",
     )
-    add("--dry-run", action="store_true", help="print points, frames and the estimated time; measure nothing")
+    add("--dry-run", action="store_true", help="print points and frames; measure nothing")
 
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:

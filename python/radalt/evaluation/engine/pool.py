@@ -144,7 +144,8 @@ def _enter(*initialized: Semaphore) -> None:
         core = next(free, None)
         if core is not None:
             os.sched_setaffinity(0, {core})
-    atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGTERM})
+    if hasattr(signal, "pthread_sigmask"):
+        atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGTERM})
     leave = os._exit
     os._exit = lambda status: leave(status or 1)
     for ready in initialized:

@@ -3,14 +3,14 @@
 import contextlib
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..results.figure import own_style
 from ..results.folder import RunFolder, versions
-from .estimate import estimate
 from .options import Options
 from .pool import WorkerError, run_tasks
 from .study import Point, Run, Study
@@ -28,7 +28,7 @@ class Progress:
     total: int
     resumed: int  # points that were measured before this start
     rows: Sequence[dict[str, Any]]  # rows of the last point; none at the first call
-    remaining_s: float  # estimated remaining time
+    remaining_s: float | None  # by the time of the points so far; None before the first
     rejected: Sequence[str] = ()  # invalid lines of the journal; their points are measured again
 
 
@@ -60,10 +60,10 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
         jobs = max(1, min(options.jobs, study.max_jobs or options.jobs))
         todo = [point for name, point in points.items() if name not in folder.done]
         outcomes = _outcomes(study.begin(folder.path), todo, options, jobs, cluster)
-        remaining = _Remaining(estimate(study, todo, jobs), len(todo), jobs)
+        remaining = _Remaining(todo, jobs)
         peaks: dict[int | str, int] = {}
         _write_tables(study, points, folder)
-        progress(Progress(resumed, len(points), resumed, (), remaining.seconds(0), folder.rejected))
+        progress(Progress(resumed, len(points), resumed, (), None, folder.rejected))
         for count, (index, outcome) in enumerate(outcomes, start=1):
             if inputs is not None:
                 inputs.check()
@@ -71,8 +71,8 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
             folder.add(point.name, outcome.rows)
             _append(study, point, folder, outcome.rows)
             peaks[outcome.process] = outcome.peak_bytes
-            shown = [row for row in outcome.rows if study.table_of(point, row) == point.table]
-            progress(Progress(resumed + count, len(points), resumed, shown, remaining.seconds(count)))
+            shown = _own_rows(study, point, outcome.rows)
+            progress(Progress(resumed + count, len(points), resumed, shown, remaining.seconds(point)))
         facts = Run(
             jobs=len(peaks) if cluster else jobs,
             points=len(points),
@@ -81,7 +81,35 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
             peak_memory_bytes=peak_memory_bytes() + sum(peaks.values()),
             command=options.command,
         )
-        return study.report(folder, _write_tables(study, points, folder), facts)
+        with own_style():
+            return study.report(folder, _write_tables(study, points, folder), facts)
+
+
+def in_memory(
+    study: Study, jobs: int, progress: Callable[[Progress], None] = lambda _: None
+) -> tuple[dict[str, list[dict[str, Any]]], Run]:
+    """Rows by table and facts of a run that writes nothing; ``jobs`` as in `Options`.
+
+    Raises WorkerError, and errors of the study, one line for the user.
+    """
+    begin = time.monotonic()
+    points, options = {point.name: point for point in study.points()}, Options(Path(), jobs=jobs)
+    found, todo, peaks = {}, list(points.values()), {}
+    remaining = _Remaining(todo, max(1, jobs))
+    outcomes = _outcomes(study.begin(options.out), todo, options, max(1, jobs), None)
+    for count, (index, outcome) in enumerate(outcomes, start=1):
+        found[todo[index].name] = outcome.rows
+        peaks[outcome.process] = outcome.peak_bytes
+        shown = _own_rows(study, todo[index], outcome.rows)
+        progress(Progress(count, len(points), 0, shown, remaining.seconds(todo[index])))
+    wall_s = round(time.monotonic() - begin, 3)
+    facts = Run(max(1, jobs), len(points), 0, wall_s, peak_memory_bytes() + sum(peaks.values()))
+    return _tables(study, points, found), facts
+
+
+def _own_rows(study: Study, point: Point, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A point's rows in its own table."""
+    return [row for row in rows if study.table_of(point, row) == point.table]
 
 
 def _outcomes(
@@ -97,14 +125,22 @@ def _outcomes(
     return run_tasks(measure, points, jobs=jobs, time_limit_s=limit_s, label=lambda point: point.name)
 
 
+def _tables(
+    study: Study, points: dict[str, Point], done: Mapping[str, Sequence[dict[str, Any]]]
+) -> dict[str, list[dict[str, Any]]]:
+    """Rows by table, in the study's order."""
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in study.tables}
+    for name, point in points.items():
+        for row in done.get(name, ()):
+            rows[study.table_of(point, row)].append(row)
+    return rows
+
+
 def _write_tables(
     study: Study, points: dict[str, Point], folder: RunFolder
 ) -> dict[str, list[dict[str, Any]]]:
-    """Write the tables of the journal's rows in the study's order; returns the rows by table."""
-    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in study.tables}
-    for name, point in points.items():
-        for row in folder.done.get(name, ()):
-            rows[study.table_of(point, row)].append(row)
+    """Write the tables of the journal's rows; returns the rows by table."""
+    rows = _tables(study, points, folder.done)
     for name, table in rows.items():
         if table:
             folder.write_text(f"{name}.csv", study.tables[name].csv(table))
@@ -177,17 +213,17 @@ def _cluster(study: Study, scheduler: str) -> "Cluster":
 
 
 class _Remaining:
-    """Remaining time: measured times replace the study's estimate point by point."""
+    """Remaining time, in proportion to the frames of the points measured so far."""
 
-    def __init__(self, estimate_s: float, points: int, jobs: int) -> None:
-        self._estimate_s, self._points, self._jobs = estimate_s, points, jobs
-        self._begun = time.monotonic()
+    def __init__(self, points: Sequence[Point], jobs: int) -> None:
+        self._left, self._jobs = {point.name: max(1, point.frames) for point in points}, jobs
+        self._total, self._begun = sum(self._left.values()), time.monotonic()
 
-    def seconds(self, done: int) -> float:
-        """After so many points."""
-        if not done:
-            return self._estimate_s
-        spent = time.monotonic() - self._begun
-        weight = min(1.0, done / (2 * self._jobs))
-        stated = max(0.0, self._estimate_s - spent)
-        return weight * spent / done * (self._points - done) + (1 - weight) * stated
+    def seconds(self, point: Point) -> float:
+        """When ``point`` has been measured, too."""
+        del self._left[point.name]
+        left = sum(self._left.values())
+        # the other workers are in the middle of a point each
+        under_way = 0.5 * min(self._jobs - 1, len(self._left)) * left / max(1, len(self._left))
+        left -= under_way
+        return (time.monotonic() - self._begun) * left / (self._total - left)

@@ -17,7 +17,7 @@ class Point:
     """One unit of work; its rows are a function of (study, point), in any process and order."""
 
     name: str  # unique name within the study, for progress, messages and the journal
-    frames: int = 0  # frames measured, for the estimate of the cost
+    frames: int = 0  # frames measured, in whose proportion the remaining time is estimated
     table: str = "rows"  # table of the study for its rows
 
 
@@ -78,14 +78,6 @@ class Study:
         room = type(self).__module__.rpartition(".")[0]
         page: Path = importlib.import_module(".report", room).write_report(folder, self, rows, run)
         return page
-
-    def seconds(self, point: Point) -> float:
-        """Approximate CPU seconds of a point, for the estimate before the run."""
-        raise NotImplementedError
-
-    def rehearsal(self) -> "tuple[tuple[Study, Point], ...]":
-        """Short points whose measured CPU time over `seconds` scales the estimate; none for no scaling."""
-        return ()
 
     def files(self) -> dict[str, Path]:
         """Input files that a remote worker may lack, by their names in `with_files`."""

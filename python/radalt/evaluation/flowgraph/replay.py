@@ -16,7 +16,7 @@ from ...core.scene import Scene
 from ..overlap.points import changed, sweep_points
 from ..overlap.rows import COLUMNS
 from ..overlap.study import check_methods, rows_of
-from ..results.figure import new_figure, save_figure
+from ..results.figure import new_figure, own_style, save_figure
 from ..results.folder import RunFolder
 from ..results.style import series_style
 from ..simulation import PointResult
@@ -92,6 +92,7 @@ def score_recording(
     return rows
 
 
+@own_style()
 def _draw(result: PointResult, scene: Scene, path: Path, *, relative: bool) -> None:
     """Altitude over time, a panel per method, with a mark below for every frame without a detection."""
     methods = list(result.results)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.parsing import quantity, shown
+from ...core.parsing import MINUS, quantity, shown
 from ...core.scene import Scene, SceneError
 from ..engine.study import Point
 
@@ -51,7 +51,7 @@ def parse_axis(text: str, what: str) -> tuple[float, ...]:
         raise ValueError(f"{what} holds {text.count(',') + 1} parts; at most {_MAX_VALUES}")
     for part in text.split(","):
         try:
-            numbers = [float(n) for n in part.split(":")]
+            numbers = [float(n) for n in part.replace(MINUS, "-").split(":")]
         except ValueError:
             numbers = []
         if len(numbers) not in (1, 3) or not np.all(np.isfinite(numbers)):
@@ -84,7 +84,6 @@ def changed(
     """
     axes = {"overlap": overlap, "sir_db": sir_db, "snr_db": snr_db}
     flown = {"programme_m": altitudes_m, "frames": frames}
-    whole = {"seed": seed, "methods": methods}
 
     def given(values: dict[str, Any]) -> dict[str, Any]:
         fit = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in values.items()}
@@ -93,13 +92,17 @@ def changed(
     try:
         sweep = dataclasses.replace(scene.sweep, **given(axes))
         altitude = dataclasses.replace(scene.altitude, **given(flown))
-        scene = dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given(whole))
-        if not own:
+        scene = dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given({"seed": seed}))
+        if not own and methods is None:
             return scene
-        options = {name: {**(scene.method_options.get(name) or {}), **more} for name, more in own.items()}
-        added = tuple(name for name in options if name not in scene.methods)
+        options = {
+            name: {**(scene.method_options.get(name) or {}), **more} for name, more in (own or {}).items()
+        }
+        chosen = scene.methods if methods is None else tuple(methods)
         return dataclasses.replace(
-            scene, methods=scene.methods + added, method_options={**scene.method_options, **options}
+            scene,
+            methods=chosen + tuple(name for name in options if name not in chosen),
+            method_options={**scene.method_options, **options},
         )
     except ValueError as error:
         raise SceneError(str(error)) from None

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..results.figure import own_style
 from ..results.folder import SCHEMA, RunFolder, flatten, versions
 from ..results.page import render, write_page
 from ..results.score import pool
@@ -168,6 +169,7 @@ def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
         target.close()
 
 
+@own_style()
 def _write(folder: RunFolder, runs: Sequence[Run], rows: list[Row], notes: list[str]) -> Path:
     sources = {row["source"] for row in rows}
     for row in rows:

@@ -1,7 +1,7 @@
 """Report of a run's rows: report.json, report.md and the figures."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,31 +26,17 @@ _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 def write_report(
     folder: RunFolder,
     scene: Scene,
-    rows: Sequence[Row],
-    ceiling: Sequence[Row],
+    rows: Mapping[str, Sequence[Row]],
     run: Run,
-    altitudes: Sequence[Row] = (),
     *,
     left_out: Sequence[str] = (),
-    tracked: Sequence[Row] = (),
 ) -> Path:
-    """Write the result folder from its rows, in canonical order; returns the path of ``report.md``.
-
-    ``ceiling`` has the rows without interference, one per method and SNR (more are ignored); ``altitudes`` those by
-    altitude (`ALTITUDE_COLUMNS`), without which there are no intervals of RMSE; ``tracked`` those of the tracker's
-    outputs.
-    """
-    if not any(row["trials"] for row in rows):
-        raise FlowgraphError(
-            f"no frame: timing not acquired, or lost before the trials ({max(r['lock_losses'] for r in rows)} times at "
-            "most in a point); is the sweep received at altitude zero, and nothing stronger (leakage: docs/leakage.md)?"
-        )
+    """Write the result folder from its rows by table, as in `build_report`; returns the path of ``report.md``."""
+    report = build_report(folder.head, scene, rows, run, left_out=left_out)
     text = "# the scene as used, with all defaults and what the command line changed\n"
     text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
     folder.write_text("scene.yaml", text)
-    altitudes = [row for row in altitudes if row["trials"]]
-    report = build_report(folder.head, scene, with_intervals(rows, altitudes), ceiling, run)
-    report |= {"left_out": list(left_out), "tracked": list(tracked)}
+    altitudes = _altitudes(rows)
     figures = _draw(report, folder.path) + _draw_altitudes(report["title"], altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
     text = report_markdown(report, figures, altitudes)
@@ -91,10 +77,34 @@ def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tu
     ]
 
 
+def _altitudes(tables: Mapping[str, Sequence[Row]]) -> list[Row]:
+    return [row for row in tables.get("altitudes", ()) if row["trials"]]
+
+
 def build_report(
-    head: dict[str, Any], scene: Scene, rows: Sequence[Row], ceiling: Sequence[Row], run: Run
+    head: dict[str, Any],
+    scene: Scene,
+    tables: Mapping[str, Sequence[Row]],
+    run: Run,
+    *,
+    left_out: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Content of ``report.json``."""
+    """Content of ``report.json`` from the rows by table, in canonical order.
+
+    ``ceiling`` has the rows without interference, one per method and SNR (more are ignored; by default those of
+    overlap 0); ``altitudes`` those by altitude (`ALTITUDE_COLUMNS`), without which there are no intervals of RMSE;
+    ``tracked`` those of the tracker's outputs.
+
+    Raises FlowgraphError, one line, if no point has a frame.
+    """
+    if not any(row["trials"] for row in tables["rows"]):
+        raise FlowgraphError(
+            "no frame: timing not acquired, or lost before the trials "
+            f"({max(r['lock_losses'] for r in tables['rows'])} times at most in a point); is the sweep received at "
+            "altitude zero, and nothing stronger (leakage: docs/leakage.md)?"
+        )
+    rows = with_intervals(tables["rows"], _altitudes(tables))
+    ceiling = tables.get("ceiling") or [row for row in rows if row["overlap"] == 0]
     once: dict[tuple[str, float | None], Row] = {}
     for row in ceiling:  # overlap 0 is one measurement for all panels
         once.setdefault((row["method"], row["snr_db"]), row)
@@ -111,6 +121,8 @@ def build_report(
         "trials_per_point": scene.altitude.programme.trial_frames,
         "rows": list(rows),
         "ceiling": list(once.values()),
+        "tracked": list(tables.get("tracked", ())),
+        "left_out": list(left_out),
         "bounds": _crb_by_snr(scene, rows),
         "break_points": break_points(rows),
         "real_time_factor": float(np.median(list(factors.values()))),

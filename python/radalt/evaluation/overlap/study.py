@@ -18,7 +18,6 @@ from ...core.mitigation.tcae import default_model_path
 from ...core.receiver.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
 from ..engine.study import Point, Run, Study
-from ..results.chain import seconds_per_frame
 from ..results.folder import RunFolder
 from ..results.rows import Columns, bits
 from ..results.score import correct_trials, score
@@ -41,8 +40,6 @@ __all__ = [
 
 DWELL_FRAMES = 400  # least frames at each altitude of a tracked flight: ten outputs
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
-# cost of a flowgraph over the functions in it: start, s, and factor for calls and copies of its blocks
-_START_S, _FLOWGRAPH = 0.6, 1.6
 
 
 def check_scene(scene: Scene) -> None:
@@ -329,20 +326,7 @@ class OverlapStudy(Study):
         """See `report.write_report`."""
         from .report import write_report
 
-        ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
-        more = {"left_out": self.left_out(), "tracked": rows["tracked"]}
-        return write_report(folder, self.scene, rows["rows"], ceiling, run, rows["altitudes"], **more)
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`."""
-        scene = self._slow if point.table == "tracked" else self.scene
-        settings = scene.altimeter_settings
-        alone = sum(
-            seconds_per_frame(m, scene.waveform, settings, tuple((scene.method_options.get(m) or {}).items()))
-            for m in scene.methods
-        )
-        computed = scene.altitude.programme.total_frames * (alone + 3e-4)
-        return _START_S + _FLOWGRAPH * computed if self.flowgraph else computed
+        return write_report(folder, self.scene, rows, run, left_out=self.left_out())
 
     def files(self) -> dict[str, Path]:
         """Flowgraphs, files of the scene, models and method files."""

@@ -82,6 +82,11 @@ def describe(scene: Scene) -> tuple[list[str], bool]:
             f"warning: the master clock is divided by {divider:.0f}, an odd number: a B200 then decimates without its "
             "half-band filters, and its CIC filter rolls off within the band; choose a clock divided by 2 or 4n"
         )
+    if 2 * w.rate_hz > limits.link_hz:
+        lines.append(
+            f"warning: {w.rate_hz / 1e6:g} MS/s both ways are {8e-6 * w.rate_hz:.0f} MB/s; USB 3 carries some "
+            f"{4e-6 * limits.link_hz:.0f} MB/s, {limits.link_hz / 2e6:g} MS/s both ways: expect lost samples"
+        )
     lines += [f"{k:3}. {s.block}.{s.call}{s.args}" for k, s in enumerate(plan(scene), 1)]
     internal = radio.clock_source == "internal"
     lines += [

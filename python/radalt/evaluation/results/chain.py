@@ -107,16 +107,3 @@ def _averaged(spectra: Spectra, looks: int) -> Spectra:
 def method_of(chain: Chain, waveform: Waveform) -> Mitigation:
     """The chain's method, built once per process; its state is that of its last use."""
     return chain.build(waveform)
-
-
-@lru_cache(maxsize=64)
-def seconds_per_frame(
-    method: str, waveform: Waveform, settings: AltimeterSettings, options: tuple[tuple[str, Any], ...] = ()
-) -> float:
-    """CPU seconds per frame of a method and its altimeter on this machine, measured on a few frames."""
-    chain = Chain(method, method, options, settings=settings)
-    frames = np.tile(waveform.reference.astype(np.complex64), (8, 1))
-    chain.results(frames[:2], waveform)  # tables, caches
-    begin = time.thread_time()
-    chain.results(frames, waveform)
-    return (time.thread_time() - begin) / len(frames)

@@ -1,7 +1,10 @@
 """Figures as files: PNG for pages, PDF for print, SVG with tooltips for `report.html`."""
 
+import contextlib
 import io
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,22 @@ import numpy as np
 from .folder import writing
 
 COLUMN_IN = 4.2  # width in inches of a figure whose type has its own size in a column of print, and at 400 px (96 dpi)
+
+
+@contextlib.contextmanager
+def own_style() -> Iterator[None]:
+    """Within, figures have matplotlib's default style, whatever ``MPLBACKEND`` and the user's matplotlibrc state."""
+    # an unknown backend, as of another Jupyter, ends the import
+    backend = "" if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", "")
+    import matplotlib
+
+    if backend:
+        os.environ["MPLBACKEND"] = backend
+        with contextlib.suppress(ValueError):
+            matplotlib.rcParams["backend"] = backend
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        yield
 
 
 def new_figure(width: float, height: float, *, dpi: int = 160, shown: bool = False) -> Any:

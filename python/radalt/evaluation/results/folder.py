@@ -165,6 +165,8 @@ class RunFolder:
         Whether the folder may hold a part of this run.
     replace : bool
         Whether it may hold another result of the study, which is then replaced.
+    dry : bool
+        Check all of this and write nothing.
     holds : callable
         Whether an entry of the journal (``point``, ``rows``) is valid for this run.
     """
@@ -176,9 +178,10 @@ class RunFolder:
         *,
         resume: bool = False,
         replace: bool = False,
+        dry: bool = False,
         holds: Callable[[dict[str, Any]], bool] = lambda entry: True,
     ) -> None:
-        self.path, self._replaces = path, replace
+        self.path, self._replaces, self._dry = path, replace, dry
         whole = {"schema": SCHEMA, "journal": _JOURNAL_VERSION} | head
         self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
@@ -186,6 +189,14 @@ class RunFolder:
         self.rejected: list[str] = []  # lines that are cut, changed or of another run; their points are measured again
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
+        if dry:
+            there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+            if not os.access(there, os.W_OK | os.X_OK):
+                raise FolderError(f"--out {path} cannot be written ({there} is not writable); name another folder")
+            if there == path:
+                self._check_files()
+                self._claim(resume, holds)
+            return
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._check_files()
@@ -219,7 +230,7 @@ class RunFolder:
         marker = self.path / _MARKER
         if marker.exists():
             held = _read_json(marker, "name another --out")
-            if self._replaces and held.get("study") == self.head.get("study"):
+            if self._replaces and not self._dry and held.get("study") == self.head.get("study"):
                 (self.path / _JOURNAL).unlink(missing_ok=True)
                 write_json(marker, self.head)
                 return
@@ -235,7 +246,8 @@ class RunFolder:
                 f"--out {self.path} holds files that are no run of ours ({strange[0][:60]}"
                 f"{' and others' if len(strange) > 1 else ''}); name a new or an empty folder"
             )
-        write_json(marker, self.head)
+        if not self._dry:
+            write_json(marker, self.head)
 
     def _check(self, held: dict[str, Any]) -> None:
         try:
@@ -265,7 +277,7 @@ class RunFolder:
             else:
                 self.done[entry["point"]] = entry["rows"]
                 kept.append(line)
-        if self.rejected:
+        if self.rejected and not self._dry:
             replace_file(journal, "".join(kept).encode())
 
     def add(self, point: str, rows: Sequence[dict[str, Any]]) -> None:

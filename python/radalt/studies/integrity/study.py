@@ -12,7 +12,7 @@ from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra,
 from ...core.receiver.frame_quality import FrameQuality
 from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
-from ...evaluation.engine.study import Point, Study
+from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain, method_of
 from ...evaluation.results.integrity import (
     alert_limit_m,
@@ -34,12 +34,6 @@ from .received import received
 
 # a track may start at any altitude: flights without a leakage calibration have no leakage
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
-# CPU time per frame of a scene's interference, of what a kind adds, and of the rest; `rehearsal` scales them
-_SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
-_KIND_MS = {"land_jammed": 4.0, "leakage": 1.0, "gear": 1.0, "fading": 1.5, "gnuradio": 1.0}
-_KIND_MS |= {"bounce": 0.5, "nonlinear": 0.5}
-_BASE_S = 8e-4
-_LONG_MS = {"land": 0.6, "point": 0.2}  # the same of all that a long flight takes
 _ALONE_STEP = 8  # one frame of so many of a long flight is measured alone: altitudes of neighbours are alike
 
 
@@ -208,20 +202,6 @@ class IntegrityStudy(ChainStudy):
         flight, judged = self.flown(case, point.part)
         stated = vars(case) | {"case": case.name, "batch": point.part}
         return [stated | {"method": m} | _row(flight, j) for m, j in judged.items()]
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`."""
-        case = case_of(point.case)
-        if case.kind in LONG:
-            return 1e-3 * point.frames * _LONG_MS[case.kind]
-        ms = _SCENE_MS.get(case.scene, 0.1) + _KIND_MS.get(case.kind, 0.0) + 0.1 * len(self.methods)
-        return point.frames * (_BASE_S + 1e-3 * ms + self.seconds_per_frame())
-
-    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
-        """See `Study`."""
-        short = dataclasses.replace(self, frames=min(80, self.frames), parts=1)
-        points = short.points()
-        return tuple((short, points[len(points) * k // 4]) for k in range(4))
 
 
 def _row(flight: Flight, judged: Judged) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.receiver.altimeter import AltimeterSettings
-from ...core.receiver.altimeter_settings import pfa_is_per_frame
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (
@@ -23,7 +22,6 @@ from ...core.returns.terrain import (
     reflectivity,
 )
 from ...core.scene import interference_from_yaml, interferer_to_mapping
-from ...core.scene.reading import without_pfa
 from ...core.text import one_line
 from ...core.waveform import Waveform
 
@@ -146,14 +144,11 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
         One line: source, key, value, what is allowed.
     """
     try:
-        data, pfa = without_pfa(data)
         if "curve" in data:
             raise ValueError("curve is a list of the bench now, radalt bench landing; leave it out")
         config = build(
             LandingConfig, {"folder": folder, **data}, "", {"interference": interference_from_yaml}
         )
-        if pfa is not None:
-            raise ValueError(pfa_is_per_frame(pfa, config.waveform, config.altimeter))
         reflectivity(config.ground.model, config.ground.land)
     except ValueError as error:
         raise StudyError(one_line(f"{source}: {error}")) from None

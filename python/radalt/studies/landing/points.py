@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import time
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -13,7 +12,7 @@ from ...core.interference.placement import interference_frames
 from ...core.returns.point import point_return
 from ...core.returns.terrain import GroundReturn, TerrainReturn
 from ...evaluation.engine.study import Point
-from ...evaluation.results.chain import Chain, seconds_per_frame
+from ...evaluation.results.chain import Chain
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, score_frames
 from .assumptions import ASSUMPTIONS
@@ -283,29 +282,3 @@ def _assumption_rows(config: LandingConfig, point: LandingPoint) -> list[dict[st
     rows = _summary_rows(changed, truth, _seed(config, "variant"), assumed_methods(config), **level)
     overlap = config.approach.overlap if changed.interference else 0.0
     return [row | {"assumption": point.assumption, "overlap": overlap} for row in rows]
-
-
-def seconds(config: LandingConfig, point: LandingPoint) -> float:
-    """Approximate CPU seconds of a point."""
-    methods = assumed_methods(config) if point.table == "assumptions" else config.methods
-    each = sum(
-        seconds_per_frame(
-            m, config.waveform, config.altimeter, tuple(config.method_options.get(m, {}).items())
-        )
-        for m in methods
-    )
-    ground = _seconds_per_return(_flown(config))
-    looks = 8 if point.assumption == "looks_8" else config.looks
-    return point.frames * looks * (each + ground + _IMPAIR_S)
-
-
-_IMPAIR_S = 1e-3  # CPU seconds for noise and interference of a frame
-
-
-@lru_cache(maxsize=8)
-def _seconds_per_return(config: LandingConfig) -> float:
-    times = np.linspace(*config.window_s(), 9)
-    _returns(config, times[:1])  # reads the terrain, makes tables
-    begin = time.thread_time()
-    _returns(config, times[1:])
-    return (time.thread_time() - begin) / 8

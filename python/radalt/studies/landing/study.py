@@ -13,7 +13,7 @@ from ...evaluation.engine.study import Study
 from ...evaluation.overlap.study import check_methods, method_files, with_method_files
 from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
-from .points import TABLES, LandingPoint, point_rows, seconds, study_points
+from .points import TABLES, LandingPoint, point_rows, study_points
 
 __all__ = ["LandingStudy"]
 
@@ -58,10 +58,6 @@ class LandingStudy(Study):
     def measure(self, point: LandingPoint) -> list[dict[str, Any]]:
         """See `points.point_rows`."""
         return point_rows(self.config, point)
-
-    def seconds(self, point: LandingPoint) -> float:
-        """See `points.seconds`."""
-        return seconds(self.config, point)
 
     def files(self) -> dict[str, Path]:
         """Flight, terrain, antenna pattern, models and method files."""

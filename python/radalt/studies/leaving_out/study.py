@@ -18,7 +18,6 @@ from ...evaluation.engine.task import peak_memory_bytes
 from ...evaluation.flowgraph.generate import Prepared, generate, prepare, shipped
 from ...evaluation.flowgraph.rewrite import prune, simulate
 from ...evaluation.flowgraph.run import run_point
-from ...evaluation.results.chain import seconds_per_frame
 from ...evaluation.results.rows import Columns
 from .scenes import SCENES, scene_of
 
@@ -65,7 +64,6 @@ _COLUMNS = Columns(
     timing=frozenset(_TIMING),
 )
 # CPU seconds: imports and GNU Radio's compiler at each start; per frame with everything built
-_START_S, _ALL_S_PER_FRAME = 3.0, 0.02
 
 
 @dataclass(frozen=True)
@@ -115,13 +113,6 @@ class LeavingOutStudy(Study):
             for turn in range(1, self.repeats + 1)
             for built in ("pruned", "all")
         ]
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`."""
-        scene = scene_of(point.name, self.frames)
-        alone = sum(seconds_per_frame(m, scene.waveform, scene.altimeter_settings) for m in scene.methods)
-        per_frame = 3e-4 + 1.6 * alone + _ALL_S_PER_FRAME
-        return self.repeats * (2 * _START_S + self._total_frames(point.name) * per_frame)
 
     @property
     def needs_network(self) -> bool:

@@ -6,9 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ...core.waveform import Waveform
 from ...evaluation.engine.chain_study import ChainStudy
-from ...evaluation.engine.study import Point, Study
+from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain
 from ...evaluation.results.rows import Columns
 from . import checks
@@ -31,8 +30,6 @@ _TABLES = {
 }
 # CPU seconds of one machine; `rehearsal` scales them to this one
 # per chain: two constructions and the clean frame; each frame with its references
-_CASE_S, _FRAME_S = 0.09, 0.002
-_CHECK_S = {"long runs": 1.0, "determinism": 2.4, "flowgraph": 0.5, "step_limits": 1.2}
 
 
 def compared_chains(methods: Sequence[str], models: Sequence[Path] = ()) -> tuple[Chain, ...]:
@@ -116,16 +113,3 @@ class StabilityStudy(ChainStudy):
             return [checks.flowgraph_row(point.method)]
         case = _cases(point.group)[point.what]
         return [{"group": point.group} | row for row in judge_all([case], self.chains)]
-
-    def seconds(self, point: Point) -> float:
-        """See `Study`."""
-        if point.table != "rows":
-            return _CHECK_S.get(point.what, _CHECK_S["step_limits"])
-        case = _cases(point.group)[point.what]
-        length = case.waveform.samples_per_frame / Waveform().samples_per_frame
-        return len(self.chains) * (_CASE_S + _FRAME_S * point.frames * length)
-
-    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
-        """See `Study`."""
-        cases = [p for p in self.points() if p.table == "rows"]
-        return ((self, cases[len(cases) // 2]),) if cases else ()

@@ -198,10 +198,6 @@ class ApproachStudy(Study):
         values = {"approach": self.approach, "place_table": table(header, lines)}
         return write_result(folder, Path(__file__).with_name("approach.md.j2"), run.as_dict(), rows, values)
 
-    def seconds(self, point: Point) -> float:
-        """See `Study`: some 14 trials of 0.6 ms a frame."""
-        return 14 * 0.6e-3 * point.frames
-
 
 def draw_approach(rows: Sequence[Mapping[str, Any]]) -> Any:
     """Altitude, power and status over the distance to the threshold."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...parsing import InputError, check_file
+from ...paths import extra
 from .geodesy import curvature_radii_m
 
 VOID_M = -32767  # elevation that marks a post without data (MIL-PRF-89020B, 3.11.2)
@@ -89,8 +90,7 @@ class DtedCell:
         TerrainError
             If the file is missing, damaged (header, length or checksum), or holds nothing but voids.
         """
-        import dted
-        from dted.errors import InvalidFileError
+        dted = extra("dted")
 
         if void not in ("error", "fill"):
             raise TerrainError(f"void policy is {void!r}; allowed: error, fill")
@@ -102,7 +102,7 @@ class DtedCell:
             tile = dted.Tile(path, warn=False)
         except OSError as error:
             raise TerrainError(f"terrain file {path}: {error.strerror or error}; name a DTED file") from error
-        except (InvalidFileError, ValueError, IndexError, struct.error) as error:
+        except (dted.errors.InvalidFileError, ValueError, IndexError, struct.error) as error:
             reason = " ".join(str(error).split())
             raise TerrainError(
                 f"terrain file {path} is not intact DTED ({reason}); fetch it again"
