@@ -250,6 +250,17 @@ def test_fitted_profiles_break_where_published_tests_have_it(name, feet, low_dbm
     assert name != "typical" or -9.0 < 20 * np.log10(weak) < -3.0
 
 
+def test_a_second_channel_takes_out_what_both_receive_and_leaves_the_return():
+    trials = [Trial(load_profile("poor"), "nr10", method, 20, 1) for method in ("none", "second_channel")]
+    back, feet = trials[0].returns(1000.0), 1000.0
+    alone, behind = (judged(*trial.outputs(back, -55.0), feet * FT, 0.06) for trial in trials)
+    assert any(alone.values()) and not any(behind.values())
+    clean = trials[1]._received(back, None, slice(0, 48))
+    assert abs(np.vdot(back.repeat(48, 0), clean)) / np.vdot(back, back).real / 48 == pytest.approx(
+        1.0, abs=0.05
+    )
+
+
 def test_a_locked_sweep_lies_within_the_span_and_wins_there():
     low = replace(load_profile("fmcw_150mhz"), max_altitude_ft=1000.0)
     assert locked_m(load_profile("fmcw_150mhz")) == 450.0

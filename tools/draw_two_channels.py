@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 """Figure of docs/two-channels.md, and its numbers that no list of cases has: depth of the null, cost of the canceller.
 
-    .venv/bin/python flowgraphs/bench.py two_channels --methods none,whitening,tcae --out results/two_channels
-    .venv/bin/python tools/draw_two_channels.py results/two_channels
+    .venv/bin/python flowgraphs/bench.py two_channels --out results/two_channels
+    .venv/bin/python flowgraphs/bench.py two_channels --methods hybrid --cases nr10_one,noise_one \\
+        --out results/one_channel
+    .venv/bin/python tools/draw_two_channels.py results/two_channels results/one_channel
 
 Writes docs/figures/two_channels.png.
 """
@@ -24,26 +26,31 @@ from radalt.bench.rows import read_rows  # noqa: E402
 from radalt.core.scene import parse_scene, scene_to_mapping  # noqa: E402
 from radalt.evaluation.results.figure import new_figure, save_figure  # noqa: E402
 
+# What keeps the null from being deep: keys of ``auxiliary`` and of ``auxiliary_cancel``
 MISMATCHES = {
-    "as shipped": {},
-    "ripple 1 dB": {"ripple_db": 1.0},
-    "image -35 dB": {"image_db": -35.0},
-    "8 bits": {"adc_bits": 8},
+    "as shipped": ({}, {}),
+    "ripple 1 dB": ({"ripple_db": 1.0}, {}),
+    "8 bits": ({"adc_bits": 8}, {}),
+    "image -35 dB": ({"image_db": -35.0}, {}),
+    "the same, conjugate": ({"image_db": -35.0}, {"conjugate": True}),
+    "100 Hz between the channels": ({"directions": {"doppler_hz": 100.0}}, {}),
+    "the same, order 1": ({"directions": {"doppler_hz": 100.0}}, {"order": 1}),
+    "echo of 0 dB after 500 ns": ({"directions": {"echo_db": 0.0}}, {}),
 }
 DELAYS_NS = (0.3, 1.0, 3.0, 10.0, 30.0)
 CURVES = (
-    ("nr10_one", "one channel, best of three", "#888888", "--", "s"),
-    ("noise_one", "one channel, noise", "#888888", ":", "v"),
-    ("nr10", "two channels", "#0072B2", "-", "o"),
+    ("nr10_one", "one channel, 5G, best of four", "#888888", "--", "s"),
+    ("noise_one", "one channel, noise, best of four", "#888888", ":", "v"),
+    ("nr10", "two channels, 5G", "#0072B2", "-", "o"),
     ("noise", "two channels, noise", "#D55E00", "-", "^"),
 )
 
 
-def cancelled(delay_s: float, reach_s: float, **auxiliary: float) -> tuple[float, float]:
+def cancelled(auxiliary: dict, cancel: dict) -> tuple[float, float]:
     """Depth of the null in decibels, and cost per frame in FFTs of it, for one direction at SIR -60 dB."""
     data = scene_to_mapping(radalt.load_scene("two_channels"))
-    data["auxiliary"] |= {"directions": [{"delay_s": delay_s}]} | auxiliary
-    data["auxiliary_cancel"]["reach_s"] = reach_s
+    data["auxiliary"] |= auxiliary
+    data["auxiliary_cancel"] |= cancel
     scene = parse_scene(data)
     canceller = radalt.AuxiliaryCancel(scene.waveform, scene.auxiliary_cancel)
     calm, _ = radalt.simulate(scene, overlap=0.0, frames=4, auxiliary=True)
@@ -67,9 +74,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("results", type=Path, help="folder of the run of the list two_channels")
-    folder = parser.parse_args().results
-    rows = read_rows(folder / "rows.csv")
+    parser.add_argument("results", type=Path, nargs="+", help="folders of runs of the list two_channels")
+    folders = parser.parse_args().results
+    rows = [row for folder in folders for row in read_rows(folder / "rows.csv")]
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
     for case, label, colour, line, marker in CURVES:
@@ -84,26 +91,28 @@ def main() -> int:
         left.plot(x, [best[v]["pd"] for v in x], line, marker=marker, color=colour, label=label)
         left.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
     left.set(xlabel="SIR / dB", ylabel="Pd (error < 5 m)", ylim=(-0.02, 1.04))
-    left.set_title("5G of 10 MHz, and noise, from one direction", fontsize=10)
+    left.set_title("One direction: two channels hold 5G and noise alike", fontsize=10)
     left.invert_xaxis()
-    left.legend(fontsize=8, loc="lower left")
+    left.legend(fontsize=8, loc="center right")
     for taps, style in ((1, "k:"), (9, "k--"), (17, "k-")):
-        reach_s = (taps // 2 + 0.1) / 7.5e6
-        depths = [cancelled(ns * 1e-9, reach_s)[0] for ns in DELAYS_NS]
+        reach = {"reach_s": (taps // 2 + 0.1) / 7.5e6}
+        depths = [cancelled({"directions": {"delay_s": ns * 1e-9}}, reach)[0] for ns in DELAYS_NS]
         right.semilogx(DELAYS_NS, depths, style, marker="o", ms=4, label=f"{taps} taps")
         print(
             f"{taps} taps: "
             + ", ".join(f"{ns:g} ns {d:.1f} dB" for ns, d in zip(DELAYS_NS, depths, strict=True))
         )
+    right.set_xticks(DELAYS_NS, [f"{ns:g}" for ns in DELAYS_NS])
+    right.minorticks_off()
     right.set(xlabel="delay between the antennas / ns", ylabel="depth of the null / dB", ylim=(0, 60))
     right.set_title("Taps make up for the delay", fontsize=10)
     right.legend(fontsize=8)
     for axis in (left, right):
         axis.grid(alpha=0.3)
-    save_figure(figure, folder / "two_channels.png")
-    shutil.copy(folder / "two_channels.png", ROOT / "docs/figures/two_channels.png")
+    save_figure(figure, folders[0] / "two_channels.png")
+    shutil.copy(folders[0] / "two_channels.png", ROOT / "docs/figures/two_channels.png")
     for name, changes in MISMATCHES.items():
-        depth_db, ffts = cancelled(3e-9, 1.07e-6, **changes)
+        depth_db, ffts = cancelled(*changes)
         print(f"{name}: {depth_db:.1f} dB, {ffts:.1f} FFTs per frame")
     return 0
 

@@ -23,9 +23,17 @@ from ...evaluation.engine.study import Point, Study
 from ...evaluation.results.rows import Columns
 from .criteria import CRITERIA, RUN_IN, break_level, judged
 from .interferers import INTERFERERS, MECHANISMS, NOT_ALONE, THRESHOLD, Interferer, locked_m, others_mw
+from .second_channel import DELAY_S, GAIN_DB, RETURN_DB, Canceller, delayed, unlike_share
 
-METHODS = ("none", "whitening", "linear_prediction", "blanking")  # those that work behind an IF filter
-KEEP_SCALE = ("none", "blanking")  # methods that leave the scale of the IF
+SECOND = "second_channel"
+METHODS = (
+    "none",
+    "whitening",
+    "linear_prediction",
+    "blanking",
+    SECOND,
+)  # those that work behind an IF filter
+KEEP_SCALE = ("none", "blanking", SECOND)  # methods that leave the scale of the IF
 _CHUNK = 8  # outputs per call of the detector
 _APART = 0.05  # of the altitude; an equal sweep nearer to it could pass the criteria (2 %) for the return
 _MOST_LOSS_DB = 160  # in which the loop loss of a lost track is searched
@@ -71,7 +79,12 @@ class Trial:
         self.burst_s = self.kind.bursts.period_s * self.rng.random() if self.kind.bursts else 0.0
         self.detector = profile.make_detector()
         options = {"max_altitude_m": profile.max_range_m} if method == "blanking" else {}
-        self.method = None if method == "none" else create(method, profile.waveform, **options)
+        self.method = None if method in ("none", SECOND) else create(method, profile.waveform, **options)
+        self.canceller = None
+        if method == SECOND:
+            self.canceller = Canceller(profile.waveform, profile.sweeps_per_output, profile.max_range_m)
+            self.second_noise = white_noise(profile.waveform, frames, profile.noise_mw_per_hz, self.rng)
+            self.second_bank = delayed(self.bank, profile.waveform, DELAY_S)
 
     def returns(self, altitude_ft: float) -> np.ndarray:
         """(1, N) or (frames, N) complex64: the return at the loop loss of an altitude."""
@@ -114,13 +127,32 @@ class Trial:
 
     def _received(self, returns: np.ndarray, level_dbm: float | None, part: slice) -> np.ndarray:
         """IF frames of a slice, as the detector gets them."""
-        p = self.profile
         back = returns if len(returns) == 1 else returns[part]
+        y = self._channel(self.noise, back, self.bank, level_dbm, part)
+        if self.canceller is not None:
+            level_dbm = None if level_dbm is None else level_dbm + GAIN_DB
+            leaked = np.complex64(1j * 10 ** (RETURN_DB / 20)) * back
+            y = self.canceller(y, self._channel(self.second_noise, leaked, self.second_bank, level_dbm, part))
+        return y if self.method is None else self.method.process(y)
+
+    def _channel(
+        self,
+        noise: np.ndarray,
+        back: np.ndarray,
+        bank: np.ndarray | None,
+        level_dbm: float | None,
+        part: slice,
+    ) -> np.ndarray:
+        """Converted IF frames of a slice of one receive channel."""
+        p = self.profile
         if level_dbm is None:
-            y = self.noise[part] + back
+            y = noise[part] + back
         else:
-            return_mw = float(np.mean(np.abs(returns[0]) ** 2))
+            return_mw = float(np.mean(np.abs(back[0]) ** 2))
             gain, added = self.kind.in_receiver(p, level_dbm, return_mw)
+            if self.canceller is not None and not self.kind.constant_envelope:
+                shaped = unlike_share(p.amplifier, level_dbm) * gain.own**2 * 10 ** (level_dbm / 10)
+                added["unlike compression"] = shaped / (self.kind.bandwidth_hz or p.noise_bandwidth_hz)
             density, weak = sum(added.values()) / p.noise_mw_per_hz, gain.weak
             rest: np.ndarray | float = 0.0
             if self.kind.bursts is not None:
@@ -129,16 +161,15 @@ class Trial:
                 weak = self.kind.bursts.gain(time_s, gain.weak, p.recovery_s)
                 through = gain.own**2 * 10 ** (self.kind.at_amplifier_dbm(p, level_dbm) / 10)
                 density, rest = density * on, rectified(through * on, p.iip2_dbm)
-            y = self.noise[part] * np.sqrt(1 + density, dtype=np.float32)
+            y = noise[part] * np.sqrt(1 + density, dtype=np.float32)
             y += np.asarray(weak, dtype=np.float32) * back + np.asarray(rest, dtype=np.complex64)
-            if self.bank is not None:
-                y += np.float32(gain.own * 10 ** (level_dbm / 20)) * self.bank[part]
+            if bank is not None:
+                y += np.float32(gain.own * 10 ** (level_dbm / 20)) * bank[part]
         if self.others is not None:
             y += self.others[part]
         blocks = y.reshape(-1, p.sweeps_per_output * y.shape[1])
         rms = np.sqrt(0.5 * np.mean(blocks.real**2 + blocks.imag**2, axis=1))
-        y = p.converter(y, np.repeat(rms, p.sweeps_per_output)[:, None])
-        return y if self.method is None else self.method.process(y)
+        return p.converter(y, np.repeat(rms, p.sweeps_per_output)[:, None])
 
     def _times_s(self, part: slice) -> np.ndarray:
         """(k, N) times of the samples of a slice of frames."""
@@ -249,6 +280,10 @@ class ToleranceStudy(Study):
                 raise ValueError(
                     f"--altitudes-ft: {p.name} has none within 10..{p.max_altitude_ft:g}, its span; name one"
                 )
+        if SECOND in self.methods and any(INTERFERERS[name].blocker for name in self.interferers):
+            raise ValueError(
+                f"--method: {SECOND} takes out what is in the band; leave the interferers outside it out"
+            )
         for p, name in product(profiles, self.methods):
             if p.unlock_loss_db < 200 and name not in KEEP_SCALE:
                 raise ValueError(
