@@ -116,16 +116,9 @@ def draw_pareto(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
             zorder=1,
         )
         axis.set_title(f"{front[-1]} holds most; on the line no other is cheaper and better", fontsize=11)
-    below = 0
-    for name in sorted(points, key=lambda name: points[name]):
-        (ffts, held), style = points[name], series_style(name, tuple(points))
-        axis.plot(ffts, held, style["marker"], color=style["color"], ms=7)
-        # names of the front stand above it; the others below, to the left and right by turns
-        place = {"xytext": (-6, 5), "ha": "right"} if name in front else {"xytext": (5, -13), "ha": "left"}
-        if name not in front:
-            place = {"xytext": (-5, -13), "ha": "right"} if below % 2 else place
-            below += 1
-        axis.annotate(name, (ffts, held), textcoords="offset points", fontsize=9, **place)
+    for name, point in points.items():
+        style = series_style(name, tuple(points))
+        axis.plot(*point, style["marker"], color=style["color"], ms=7)
     axis.set_xscale("log")
     ticks = [
         t
@@ -140,4 +133,29 @@ def draw_pareto(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
     )
     axis.margins(x=0.2, y=0.12)
     axis.grid(alpha=0.3)
+    _name_points(figure, axis, points)
     save_figure(figure, path)
+
+
+def _name_points(figure: Any, axis: Any, points: Mapping[str, tuple[float, float]]) -> None:
+    """Names beside their points, each at the first place where it covers no other name and no point."""
+    figure.draw_without_rendering()
+    axis.set_autoscale_on(False)
+    dots = axis.transData.transform(list(points.values())) if points else []
+    taken: list[Any] = []
+    places = [
+        (x, y, side)
+        for y in (5, -13, 17, -25, 29, -37)
+        for x, side in ((-6, "right"), (6, "left"), (0, "center"))
+    ]
+    for name in sorted(points, key=lambda name: points[name]):
+        for x, y, side in places:
+            text = axis.annotate(
+                name, points[name], xytext=(x, y), textcoords="offset points", fontsize=9, ha=side
+            )
+            box = text.get_window_extent()
+            if not (any(box.overlaps(other) for other in taken) or box.count_contains(dots)):
+                break
+            if (x, y, side) != places[-1]:
+                text.remove()
+        taken.append(box)
