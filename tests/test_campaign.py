@@ -189,7 +189,7 @@ BLOCKS = int(os.environ.get("RADALT_BEATS_BLOCKS", "12"))
     ],
 )
 def test_flights_at_the_decimated_rate_have_the_statuses_and_levels_of_whole_frames(name):
-    """The same scatterers and noise at both rates; of 1,000 blocks each (`RADALT_BEATS_BLOCKS=1000`), too."""
+    """The same scatterers and noise at both rates; so it is over 150 blocks of each (`RADALT_BEATS_BLOCKS=150`)."""
     case, rng = case_of(name), np.random.default_rng(75)
     flight, trackers = (
         flight_of(case, BLOCKS * BLOCK, rng),

@@ -103,7 +103,8 @@ def test_a_killed_run_resumes_to_the_same_rows_with_another_number_of_workers(
     assert ota_eval.main(["--sim", *SWEEP, "--out", str(folder), "--resume", "--jobs", "3"]) == 0
     assert f"[{measured // 3}/3]" not in capsys.readouterr().out  # what was there is not measured again
     assert stable(folder) == stable(whole[0])
-    assert read_report(folder)["run"]["points_resumed"] == measured // 3
+    # a point whose rows were not yet in the table counts, too
+    assert read_report(folder)["run"]["points_resumed"] in (measured // 3, measured // 3 + 1)
 
 
 def test_resume_refuses_other_options_in_one_line(whole, capsys):

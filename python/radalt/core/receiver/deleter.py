@@ -93,7 +93,7 @@ class Deleter:
         if watched is None:
             return
         block = scan.block
-        found = block.best(block.prominent(np.ones(block.table.shape, dtype=bool)))
+        found = block.best()
         if found is None or found.strength < self.threshold:
             watched.vacant = 0
             return

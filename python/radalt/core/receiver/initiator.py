@@ -81,7 +81,7 @@ class Initiator:
         allowed = np.ones(block.table.shape, dtype=bool)
         for track in tracks:
             allowed &= block.away_from(track.latest)
-        found = block.best(block.prominent(allowed))
+        found = block.best(allowed)
         strong = found is not None and found.strength >= self.threshold
         strong = strong and self.gate.allowed_speed(found) and not self._is_tracked(found, self.candidates)
         strong = strong and scan.corrected(found).altitude_m >= self.lowest_start_m

@@ -14,18 +14,9 @@ _MAIN_LOBE = 1.0
 # Resolution cells from a return, beyond which another return counts: by power alone from the middle of the first side
 # lobe on, or nearer by, where both main lobes overlap, if it is also a peak or no extended ground explains it.
 _BESIDE, _NEAR_BY = 1.5, 0.9
-# Share of the greatest strength from which pairs count as equally strong, so that power decides between them: after
-# compression a return and its grating lobes are alike (tests/test_tracker_parts.py has a lobe that is stronger).
-_NEARLY = 0.8
 # Cells that a return may move within a block before its frames are aligned one by one: 3 m with the default sweep's
 # four cells per resolution cell, well within its main lobe.
 _UNMOVED = 0.6
-# Least power of the weaker half sweep over that of the stronger (-10 dB): a network may leave the return in two of
-# forty frames of one half.
-_BOTH = 0.1
-# Standard deviations of the cells' own power by which the weaker half has to stand out. A network leaves structure in
-# noise: lower ones are shown without a return.
-_STANDS_OUT = 6.0
 # Power ratio (6 dB) by which a side lobe may exceed 1 / (pi distance)^2: a method weights the sweep.
 _SIDE_LOBE_SPARE = 4.0
 # Least share of both halves' strength, or of their mean power, that each half has to show of a return.
@@ -182,48 +173,14 @@ class Block:
         power, floor, _ = self._sums(k)
         over = [float(power[half, cells[half]] / floor[half]) - 1.0 for half in range(2)]
         weaker = min(float(self._excess[k, half, cells[half]]) for half in range(2)) / self._sigma
-        if weaker < _EACH_HALF * strength and not self._shown_by_both(
-            k, over
-        ):  # both halves have to show a return
+        if weaker < _EACH_HALF * strength:  # both halves have to show a return
             strength = min(strength, weaker / _EACH_HALF)
         return Entry(strength, float(t.altitude_m[row, column]), cells, max(0.0, 0.5 * sum(over)), row)
-
-    def _shown_by_both(self, k: int, over: list[float]) -> bool:
-        """Whether the half with less power over noise shows a return: a tenth of the other's, and beyond its cells'.
-
-        A method may leave the return in few frames of a half, which are few votes, however strong they are.
-        """
-        t = self.tables
-        power, floor, _ = self._sums(k)
-        less = int(np.argmin(over))
-        usual = _MAD * upper_median(np.abs(power[less, t.first : t.last] - floor[less])) / floor[less]
-        return over[less] >= max(_BOTH * max(over), _STANDS_OUT * float(usual))
 
     def best(self, allowed: np.ndarray | None = None) -> Measurement | None:
         """`strongest`, measured to a fraction of a cell; None where none is allowed or it is no peak."""
         entry = self.strongest(allowed)
         return None if entry is None else self.measure(entry)
-
-    def prominent(self, allowed: np.ndarray) -> np.ndarray:
-        """Of the allowed entries that come near the strongest, the one of most power, as a mask like `table`.
-
-        After compression a return and its grating lobes are alike; without compression one frame could decide.
-        """
-        t = self.tables
-        table = np.where(allowed, self.table, -np.inf)
-        top = table.max()
-        row, column = np.nonzero((table >= min(_NEARLY * top, top)) & (table > -np.inf))
-        cells, speed = (t.up_cell[row, column], t.down_cell[row, column]), t.rows[row, 0]
-        power = np.empty(row.size)
-        for k in np.unique(speed).tolist():
-            at = speed == k
-            sums, floor, _ = self._sums(k)
-            power[at] = sum(sums[half, cells[half][at]] / floor[half] for half in range(2))
-        mask = np.zeros(table.shape, dtype=bool)
-        if row.size:
-            best = power.argmax()
-            mask[row[best], column[best]] = True
-        return mask
 
     def at_peaks(self, allowed: np.ndarray) -> np.ndarray:
         """Those of the allowed entries whose halves both lie beside a peak; all of them where none does.

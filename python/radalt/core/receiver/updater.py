@@ -22,8 +22,7 @@ _EDGE_FADES = 0.9
 class Updater:
     """Measures tracks in blocks, and updates filter, evidence and counters.
 
-    Of pairs nearly as strong as the strongest within the gate it takes the one with most power, since a grating lobe
-    may win the votes. A track is certain once its evidence has ruled out every other pair of cells, of any speed. One
+    A track is certain once its evidence has ruled out every other pair of cells, of any speed. One
     that has never been certain moves to the pair beside it (within 40 m) that its blocks together show with more power,
     unless its altitudes contradict that pair's Doppler: then that pair is the lobe.
 
@@ -62,7 +61,7 @@ class Updater:
 
     def _update(self, track: Track, scan: Scan, block: Block, *, cleaned: bool) -> Measurement | None:
         mask = self.gate.mask(track, scan)
-        found = block.best(block.prominent(block.at_peaks(mask)))  # a grating lobe may win by strength alone
+        found = block.best(block.at_peaks(mask))
         track.seen = False
         if found is None:
             return None

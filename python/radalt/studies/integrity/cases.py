@@ -279,8 +279,9 @@ def _installation() -> Iterator[Case]:
         yield Case("gear", f"gear/lowered/{level:+g}dB", sir_db=-level, value=level, known=known)
     for share in (0.001, 0.003, 0.01):
         yield Case("nonlinear", f"nonlinear/{100 * share:g}%", value=share)
-    for ppm in (-20.0, 20.0):
-        yield Case("clock", f"clock/{ppm:+g}ppm", value=ppm)
+    for ppm in (-20.0, 0.05, 0.1, 20.0):
+        known = "0.05 to 0.1 ppm apart" if abs(ppm) < 1.0 else ""
+        yield Case("clock", f"clock/{ppm:+g}ppm", value=ppm, known=known)
 
 
 def _transmitters() -> Iterator[Case]:
