@@ -303,7 +303,8 @@ def test_interlock_refuses_what_could_harm(radio, message):
 def test_interlock_knows_both_inputs(radio, message):
     with pytest.raises(InterlockError, match=message):
         require_enclosure(two_channels(**radio), True)
-    require_enclosure(two_channels(auxiliary_attenuation_db=40.0), True)
+    lines, allowed = describe(two_channels(auxiliary_attenuation_db=45.0))
+    assert allowed and any("side B, at most -64.3 dBm" in line for line in lines)
 
 
 def test_a_sweep_beyond_the_radio_is_refused():

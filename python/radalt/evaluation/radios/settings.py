@@ -77,6 +77,9 @@ def describe(scene: Scene) -> tuple[list[str], bool]:
         f"receiver      at most {rx_level_dbm(radio, scene.has_jammer):.1f} dBm arrives, "
         f"limit {limits.max_rx_dbm:g} dBm",
     ]
+    if scene.auxiliary is not None:
+        level_dbm = rx_level_dbm(radio, scene.has_jammer, radio.auxiliary_attenuation_db)
+        lines.append(f"2nd channel   {limits.rx_antenna} of side B, at most {level_dbm:.1f} dBm arrives")
     if round(divider) > 1 and round(divider) % 2:
         lines.append(
             f"warning: the master clock is divided by {divider:.0f}, an odd number: a B200 then decimates without its "
