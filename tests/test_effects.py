@@ -366,6 +366,14 @@ def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
     np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.17)  # 200 draws: 0.07
 
 
+def test_a_channel_that_does_not_move_keeps_the_sir_of_a_stream():
+    for seed in range(4):
+        emitter = impaired(NrEmitter(), fading=FadingChannel(profile="PA"))
+        stream = JammerStream(Waveform(), [Interferer(emitter, -20.0)], seed=seed, free_running=True)
+        power = np.mean([np.mean(np.abs(stream.next_frame().astype(complex)) ** 2) for _ in range(20)])
+        assert 10 * np.log10(power) == pytest.approx(20.0, abs=0.5)
+
+
 def test_fading_does_not_step_where_frames_meet():
     emitter = impaired(Wave(), fading=FadingChannel(profile="EVA", doppler_hz=120.0))
     for free_running in (True, False):

@@ -8,7 +8,7 @@ few Chebyshev nodes of a block are applied in the frequency domain, and the outp
 import dataclasses
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from scipy import fft
@@ -102,7 +102,7 @@ class Impairments:
         power amplifier of the transmitter, by Rapp's model, without conversion of amplitude to phase
     fading : FadingChannel or None
         multipath, continuous from frame to frame in a jammer's stream; the SIR of a free-running emitter holds in the
-        mean over the fading, else in every frame
+        mean over a channel that moves, else in every frame
     oscillator : Oscillator or None
         carrier frequency offset and sample clock offset against the radar
     phase_noise : PhaseNoise or None
@@ -142,10 +142,13 @@ class ImpairedEmitter(NamedEmitter):
     >>> ImpairedEmitter(emitter=NrEmitter(), effects=Impairments(phase_noise=PhaseNoise()))  # doctest: +SKIP
     """
 
-    unit_power: ClassVar[bool] = True
-
     emitter: Emitter
     effects: Impairments
+
+    @property
+    def unit_power(self) -> bool:
+        """Whether its mean power is 1 without being measured: a draw of a channel that does not move has its own."""
+        return self.effects.fading is None or self.effects.fading.doppler_hz > 0
 
     @property
     def label(self) -> str:
