@@ -2,9 +2,8 @@
 """Figure of docs/two-channels.md, and its numbers that no list of cases has: depth of the null, cost of the canceller.
 
     .venv/bin/python flowgraphs/bench.py two_channels --out results/two_channels
-    .venv/bin/python flowgraphs/bench.py two_channels --methods hybrid --cases nr10_one,noise_one \\
-        --out results/one_channel
-    .venv/bin/python tools/draw_two_channels.py results/two_channels results/one_channel
+    .venv/bin/python flowgraphs/bench.py two_channels --methods hybrid --cases nr10_one,noise_one --out results/one
+    .venv/bin/python tools/draw_two_channels.py results/two_channels results/one
 
 Writes docs/figures/two_channels.png.
 """
