@@ -1,6 +1,6 @@
 """What every program here imports first: the package on Python's path, and `radalt.evaluation.startup`.
 
-In the source tree the package lies beside this folder; installed, Python finds it itself, and a Python that does not
+In the source tree the package lies next to this folder; installed, Python finds it itself, and a Python that does not
 gets one line.
 """
 

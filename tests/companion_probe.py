@@ -3,7 +3,7 @@
 Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run] [--picture FILE] FLOWGRAPH.grc ...`.
 
 --run executes the first flowgraph as the button does and adds what the companion's console then holds; Python is
-generated beside the flowgraph. --picture saves the first flowgraph as the companion's Screen Capture does.
+generated next to the flowgraph. --picture saves the first flowgraph as the companion's Screen Capture does.
 """
 
 import argparse

@@ -17,7 +17,7 @@ document.body.dataset.drawn = [...document.querySelectorAll("figure svg")].filte
 
 
 def assert_whole(page: Path, browser: list[str] | None) -> None:
-    """Of a study's ``report.md`` and the ``report.html`` beside it."""
+    """Of a study's ``report.md`` and the ``report.html`` next to it."""
     markdown = page.read_text(encoding="utf-8")
     text = page.with_suffix(".html").read_text(encoding="utf-8")
     assert not re.findall(r"""(?:src|href)=["'](?!#|data:)""", text)

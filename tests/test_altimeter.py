@@ -304,7 +304,7 @@ def test_frames_of_another_length_are_refused():
 
 
 def test_return_whose_middle_was_notched_is_read_at_its_peak():
-    """Two slits of a sweep make side lobes nearly as high as the peak, two cells (20 m) beside it: none is taken."""
+    """Two slits of a sweep make side lobes nearly as high as the peak, two cells (20 m) next to it: none is taken."""
     rng = np.random.default_rng(8)
     altitudes = rng.uniform(30, 1470, 200)
     frames = frames_of("true_delay", altitudes) + noise((200, 7500), 10.0, rng)
@@ -379,7 +379,7 @@ def test_a_return_between_two_cells_is_not_outdone_by_its_grating_lobe_on_one():
 
 
 def test_a_speed_from_the_track_decides_between_grating_lobes():
-    """Two edges of a sweep 0.7 apart leave lobes 28 m beside the peak, which pass for a speed if speeds are free."""
+    """Two edges of a sweep 0.7 apart leave lobes 28 m next to the peak, which pass for a speed if speeds are free."""
     rng = np.random.default_rng(33)
     altitudes = rng.uniform(100, 1400, 300)
     edges = np.abs(np.mod(np.arange(7500), 3750) - 1875) > 0.35 * 3750

@@ -20,7 +20,7 @@ LAZY_CIRCLES = {
     (
         "core.mitigation.own_process",
         "core.mitigation",
-    ): "the process beside builds any registered method by its name",
+    ): "the process next to builds any registered method by its name",
     (
         "core.mitigation.rehearsal",
         "core.mitigation",

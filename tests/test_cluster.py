@@ -118,7 +118,7 @@ def test_what_a_dead_worker_was_measuring_is_measured_by_another(mortal_dask, tm
 
 
 def measuring(dask) -> list[int]:
-    """Processes that measure beside the workers."""
+    """Processes that measure next to the workers."""
     # a worker is a process of its nanny
     nannies = {w.pid for w in dask.workers if "--no-nanny" not in w.args}
     found = []

@@ -103,7 +103,7 @@ def desk(tmp_path_factory):
     (folder / "my_study.yaml").write_text(
         (landing / "study.yaml").read_text().replace("../", f"{ROOT / 'flowgraphs'}/")
     )
-    for file in landing.iterdir():  # what the study names is beside it
+    for file in landing.iterdir():  # what the study names is next to it
         if file.name != "study.yaml":
             shutil.copy(file, folder)
     make_recording.main(["--out", str(folder / "results" / "recorded.sigmf-meta")])

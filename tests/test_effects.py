@@ -251,7 +251,7 @@ def test_amplifier_distorts_a_gaussian_band_as_the_series_of_its_orders_says(bac
     assert abs(gain) ** 2 == pytest.approx(power[0], rel=0.01)
     error = got - gain * sent / 3.7
     assert np.mean(np.abs(error) ** 2) == pytest.approx(power[1:].sum(), rel=0.03)
-    # where in frequency: in the band (EVM), and in the channel beside it (regrowth)
+    # where in frequency: in the band (EVM), and in the channel next to it (regrowth)
     spectrum = np.abs(np.fft.fft(error)) ** 2 / size**2
     expected = np.tensordot(power[1:], order_spectra(width, 12)[1:], 1)
     for low, high in ((0.0, width / 2), (width / 2, 1.5 * width)):
@@ -284,7 +284,7 @@ def test_amplified_5g_demodulates_with_the_evm_of_the_series():
 
 
 def test_any_emitter_is_amplified_wide_and_then_received():
-    """Two tones give third-order products beside them: IM3 of a Rapp amplifier, by its Fourier series."""
+    """Two tones give third-order products next to them: IM3 of a Rapp amplifier, by its Fourier series."""
     tones = ToneEmitter(frequencies_hz=(0.9e6, 1.1e6))
     samples = impaired(tones, amplifier=Amplifier(backoff_db=4.0)).samples(
         N, RATE_HZ, np.random.default_rng(1)

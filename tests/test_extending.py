@@ -132,7 +132,7 @@ def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
 
 
 def test_altimeter_profile_is_read_and_flown(root, tmp_path):
-    """What the file does not say is the base's, beside which it lies."""
+    """What the file does not say is the base's, next to which it lies."""
     page = (root / "docs/design.md").read_text(encoding="utf-8")
     section = page.split("## Add an altimeter profile")[1].split("\n## ")[0]
     file = tmp_path / "my_altimeter.yaml"

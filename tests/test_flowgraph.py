@@ -46,7 +46,7 @@ def b210() -> dict:
 
 @pytest.fixture(scope="module")
 def platform():
-    """GNU Radio's own companion, without its window, with our descriptions beside its own."""
+    """GNU Radio's own companion, without its window, with our descriptions next to its own."""
     with contextlib.redirect_stdout(io.StringIO()):
         from gnuradio.grc.core.platform import Platform
 
@@ -136,7 +136,7 @@ def imported(file: Path, name: str):
     spec = importlib.util.spec_from_file_location(f"generated_{name}", file)
     module = importlib.util.module_from_spec(spec)
     argv, sys.argv = sys.argv, [str(file)]
-    sys.path.insert(0, str(file.parent))  # Embedded Python Blocks are modules beside it
+    sys.path.insert(0, str(file.parent))  # Embedded Python Blocks are modules next to it
     try:
         spec.loader.exec_module(module)
     finally:
@@ -207,7 +207,7 @@ def test_description_renders_to_valid_python_that_fits_the_class(path, platform)
 @pytest.mark.parametrize("path", DESCRIPTIONS, ids=lambda p: p.name.removesuffix(".block.yml"))
 def test_description_makes_the_block_for_every_option_of_its_choices(path, platform, tmp_path, monkeypatch):
     """The rendered constructor and callbacks are run, once for the defaults and once for every choice."""
-    monkeypatch.chdir(tmp_path)  # a recorder writes beside where it runs
+    monkeypatch.chdir(tmp_path)  # a recorder writes next to where it runs
     key = path.name.removesuffix(".block.yml")
     if key == "radalt_sigmf_source":
         pytest.importorskip("sigmf")

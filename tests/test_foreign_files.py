@@ -1,4 +1,4 @@
-"""Files, names and users that nobody meant: weights beside a network, links in a result folder, a name that is math."""
+"""Files, names and users that nobody meant: weights outside a network, links in a result folder, a name of signs."""
 
 import base64
 import os
@@ -25,7 +25,7 @@ from radalt.evaluation.engine.options import check_ours
 from radalt.evaluation.results.figure import new_figure, own_style, save_figure
 from radalt.evaluation.results.folder import FolderError, RunFolder, replace_file, write_json
 
-# an ONNX file of one matrix product, whose matrix lies in the file m.data beside it
+# an ONNX file of one matrix product, whose matrix lies in the file m.data next to it
 WEIGHTS_OUTSIDE = base64.b64decode(
     b"CAg6fAoRCgF4CgF3EgF5IgZNYXRNdWwSAWcqOggECAQQAUIBd2oSCghsb2NhdGlvbhIGbS5kYXRhagsKBm9mZnNldBIBMGoM"
     b"CgZsZW5ndGgSAjY0cAFaEwoBeBIOCgwIARIICgIIAQoCCARiEwoBeRIOCgwIARIICgIIAQoCCARCBAoAEBE="

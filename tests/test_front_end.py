@@ -27,7 +27,7 @@ def test_one_decibel_at_p1db_and_saturation_beyond():
 
 @pytest.mark.parametrize("power_dbm", [-60.0, -45.0, -35.0])
 def test_third_order_is_that_of_iip3(power_dbm):
-    """Two tones of power P: 3 P - 2 IIP3 in dBm beside them."""
+    """Two tones of power P: 3 P - 2 IIP3 in dBm next to them."""
     n = np.arange(4000)
     x = amplitude(power_dbm) * (np.exp(2j * np.pi * 100 * n / 4000) + np.exp(2j * np.pi * 110 * n / 4000))
     lines = np.abs(np.fft.fft(applied(x)) / 4000)
@@ -112,7 +112,7 @@ def test_bursts_modulate_a_return_with_the_lines_of_their_pattern():
 
 
 def test_small_blockers_act_as_the_cubic_says():
-    """Gain 1 - 2 P / A3^2 beside a Gaussian of power P, modulation (2 P / A3^2)^2; beside a carrier the same mean."""
+    """Gain 1 - 2 P / A3^2 next to a Gaussian of power P, modulation (2 P / A3^2)^2; next to a carrier the same mean."""
     share = 10 ** ((-35.0 + 8.0) / 10)
     gaussian = AMPLIFIER.with_strong(-35.0, constant_envelope=False)
     assert gaussian.weak == pytest.approx(1 - 2 * share, abs=3e-4)

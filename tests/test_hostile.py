@@ -65,7 +65,7 @@ YAML = {
     "frames 1e9": ("altitude: {frames: 1000000000}", "GB of results"),
     "sweep of 1 s": ("waveform: {sweep_s: 1.0}", "GB in a flowgraph's buffers"),
     "sir": ("interference: {qpsk: {sir_db: -5000}}", "sir_db is -5000"),
-    "tones beside the band": ("interference: {tones: {span_hz: 1.0e+9}}", "at most the rate"),
+    "tones next to the band": ("interference: {tones: {span_hz: 1.0e+9}}", "at most the rate"),
     "nr seed": ("interference: {nr: {seed: -1}}", "nr.seed is -1; it has to be within 0"),
     "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "within 1000.."),
     "threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: x}}", "tcae.threads is 'x'"),

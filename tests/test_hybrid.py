@@ -103,7 +103,7 @@ def test_where_no_frame_is_dropped_every_emitter_that_is_drawn_anew_is_searched(
 
 @pytest.mark.parametrize("start", range(4))
 def test_time_division_duplex_is_cancelled_wherever_it_starts(start):
-    """At -32 dB 256QAM beside a return that decisions would take for data; uplink slots are silent."""
+    """At -32 dB 256QAM next to a return that decisions would take for data; uplink slots are silent."""
     emitter = NrEmitter(
         channel_bandwidth_hz=20e6, subcarrier_spacing_hz=30e3, modulation="256qam", evm=0.035, tdd="DDDSU",
         frame_count=2, seed=600 + start, cell_id=600 + start,

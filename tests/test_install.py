@@ -22,7 +22,7 @@ def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
 def source_files(folder: Path, pattern: str = "*") -> set[str]:
     """Paths below folder, relative to it, of what an install has to bring along.
 
-    What the companion generated from a flowgraph beside it is none of that.
+    What the companion generated from a flowgraph next to it is none of that.
     """
     found = (file.relative_to(folder) for file in folder.rglob(pattern) if file.is_file())
     made = tuple(flowgraph.stem for flowgraph in folder.glob("*.grc"))
@@ -74,7 +74,7 @@ def test_package_is_installed_whole_and_without_compiled_files(root: Path, packa
 
 
 def test_namespace_of_gnu_radio_stays_open(package: Path):
-    """An __init__.py beside the package would hide GNU Radio itself."""
+    """An __init__.py next to the package would hide GNU Radio itself."""
     assert [entry.name for entry in (package.parent / "gnuradio").iterdir()] == ["radalt"]
 
 

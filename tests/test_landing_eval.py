@@ -64,7 +64,7 @@ def _rows(path):
 def test_shipped_study_states_the_defaults(root):
     shipped = landing.load_config(root / "flowgraphs" / "landing" / "study.yaml")
     assert shipped == landing.parse_config({}, folder=shipped.folder)
-    # what is written beside the results is a study file again
+    # what is written next to the results is a study file again
     assert landing.parse_config(landing.config_dict(shipped), folder=shipped.folder) == shipped
 
 

@@ -355,7 +355,7 @@ def tracked(
     blocks=8,
     **span,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs of a descent beside leakage, and the true altitude at the end of each."""
+    """Outputs of a descent next to leakage, and the true altitude at the end of each."""
     rng = np.random.default_rng(1)
     altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0, **span))
     tracker, out = AltitudeTracker(altimeter, settings), []

@@ -323,7 +323,7 @@ def test_no_level_of_input_overflows_or_warns(name, scale):
 
 @pytest.mark.parametrize("name", ["lms_reference_input", "nlms"])
 def test_returns_beyond_the_span_are_not_declared_at_their_images(name):
-    """Block updates put lines 750 m beside the return: at 1530 m it was declared at 31 m, at 1600 m at 850 m."""
+    """Block updates put lines 750 m next to the return: at 1530 m it was declared at 31 m, at 1600 m at 850 m."""
     altitudes = np.array([1480.0, 1530.0, 1600.0, 1760.0, 1900.0, 2500.0])
     result = ALTIMETER.process(create(name, W).process(point_return(W, altitudes)))
     np.testing.assert_array_equal(result["valid"], altitudes < 1500)
@@ -497,7 +497,7 @@ def test_only_the_shipped_default_is_trusted_unchecked(root, tmp_path):
 
 
 def smears(planes):
-    """A return that fades from 1 to 0 and back 300 times a frame: lines far beside its own, together as strong."""
+    """A return that fades from 1 to 0 and back 300 times a frame: lines far next to its own, together as strong."""
     return planes * (1.0 + np.cos(2 * np.pi * 300 * np.arange(planes.shape[-1]) / planes.shape[-1]))
 
 

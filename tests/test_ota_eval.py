@@ -44,7 +44,7 @@ def stable(folder: Path) -> list[list[str]]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """One uninterrupted run with two workers, its output beside it."""
+    """One uninterrupted run with two workers, its output next to it."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     code, out, err = run(*SWEEP, "--out", folder, "--jobs", 2)
     assert code == 0, err
@@ -67,7 +67,7 @@ def test_a_run_ends_with_the_whole_result_folder(whole):
     assert report["versions"]["gnuradio"].startswith("3.10") and "onnxruntime" not in report["versions"]
     assert any("onnxruntime" in item for item in report["left_out"])
     assert report["real_time_factor"] > 0 and report["run"]["peak_memory_bytes"] < 3 << 30
-    # plain lines where there is no terminal, nothing else beside them
+    # plain lines where there is no terminal, nothing else next to them
     assert sum(line.startswith("[") for line in out.splitlines()) == 3
     assert err == ""
 

@@ -35,7 +35,7 @@ FRAMES = point_return(W, np.array([200.0, 400.0, 900.0])).astype(np.complex64)
 
 @pytest.fixture(autouse=True)
 def unrehearsed(monkeypatch):
-    """A method of a file is tried beside this process first: the business of test_hostile."""
+    """A method of a file is tried next to this process first: the business of test_hostile."""
     monkeypatch.setenv("RADALT_REHEARSAL", "1")
 
 
@@ -172,7 +172,7 @@ def same(first: np.ndarray, second: np.ndarray) -> None:
 
 
 def test_embedded_block_measures_what_the_file_does(plain, tmp_path):
-    """bring_your_own.grc, its block and the file hold the same method, and the shipped ones stand beside it."""
+    """bring_your_own.grc, its block and the file hold the same method, and the shipped ones stand next to it."""
     scene, results = plain
     data = load_grc(FLOWGRAPHS / "bring_your_own.grc")
     own = run_flowgraph(data, scene, tmp_path, ["mine", "none", "whitening", "tcae"])
@@ -321,7 +321,7 @@ def test_two_files_that_are_no_network_are_refused(decoder, message, tmp_path):
         create("tcae", W, model=f"{tmp_path}/e.onnx+{tmp_path}/d.onnx")
 
 
-# -- networks and files of the user's own, beside each other and beside the shipped ones ------------------------------
+# -- networks and files of the user's own, next to each other and to the shipped ones ----------------------------------
 
 
 def test_several_own_methods_are_rows_of_their_own(root, tmp_path, measured_here, undrawn):

@@ -29,7 +29,7 @@ def received(count, seed=1):
 
 @pytest.fixture
 def beside():
-    """Makes methods beside this process; all end with the test."""
+    """Makes methods next to this process; all end with the test."""
     made = []
 
     def make(name, **parameters):

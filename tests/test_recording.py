@@ -505,5 +505,5 @@ def test_data_that_the_metadata_name_are_a_file_beside_them(tmp_path, name):
     path.with_suffix(".sigmf-data").unlink()
     os.mkfifo(tmp_path / "pipe")
     rewritten(path, lambda meta: meta["global"].update({"core:dataset": name}))
-    with pytest.raises(RecordingError, match="a pipe or device|name a file beside it|embedded null"):
+    with pytest.raises(RecordingError, match="a pipe or device|name a file next to it|embedded null"):
         open_capture(path)

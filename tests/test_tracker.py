@@ -440,7 +440,7 @@ def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
 def test_a_coherent_copy_that_walks_off_with_the_gate_does_not_take_the_track(
     level_db, altitude_m, first, copy_m_per_s, ground_m_per_s
 ):
-    """Range-gate pull-off. The track coasts beside the copy for a second; its end makes the copy no truer."""
+    """Range-gate pull-off. The track coasts next to the copy for a second; its end makes the copy no truer."""
     rng, frames = np.random.default_rng(44), 1960
     index = np.arange(frames)
     ground = altitude_m + ground_m_per_s * T * index

@@ -39,7 +39,7 @@ def on_page_content(html: str, **_: object) -> str:
 
 
 def on_post_build(config: dict, **_: object) -> None:
-    """Write the pages beside the files."""
+    """Write the pages next to the files."""
     folder = Path(config["site_dir"], "data")
     for path in sorted(DATA.glob("*.csv")):
         (folder / f"{path.stem}.html").write_text(table_page(path), encoding="utf-8")

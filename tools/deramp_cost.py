@@ -4,7 +4,7 @@
     .venv/bin/python tools/deramp_cost.py
 
 Prints, for each emitter, milliseconds per sweep both ways, the ratio of powers and the error vector of the same
-realisation, and the altitude error of a return of 300 m beside it at an SIR of -10 dB.
+realisation, and the altitude error of a return of 300 m next to it at an SIR of -10 dB.
 """
 
 import argparse

@@ -37,7 +37,7 @@ def made() -> dict[str, dict[str, Any]]:
 
 
 def _lay_out(air: dict[str, Any], simulated: dict[str, Any]) -> None:
-    """Place the channel where the gates are, and the receiver in line with it unless it has controls beside it."""
+    """Place the channel where the gates are, and the receiver in line with it unless it has controls next to it."""
     places = {block["name"]: block["states"]["coordinate"] for block in simulated["blocks"]}
     gates = [b["states"]["coordinate"] for b in air["blocks"] if b["name"] in ("radar_gate", "jammer_gate")]
     top = 8 * round(sum(y for _, y in gates) / len(gates) / 8)
@@ -54,7 +54,7 @@ def _parser() -> Parser:
 
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the files beside this one."""
+    """Write the files next to this one."""
     _parser().parse_args(argv)
     from radalt.evaluation.flowgraph.generate import save_as_companion
 

@@ -52,7 +52,7 @@ sweep: {overlap: [0.0, 0.5, 1.0]}
 
 prints what a run would build. A key, type or range that does not fit gets one line. YAML reads `1e6` as text, so write
 `1.0e+6`. *Range* is what the reader accepts; where it is empty, any number. Some keys limit each other; the
-line then names both. Relative names of files are sought beside the scene, then in the working folder. Where a number's
+line then names both. Relative names of files are sought next to the scene, then in the working folder. Where a number's
 default is *none*, `null` in a file stands for it.
 
 Made by `.venv/bin/python tools/make_scene_reference.py` from the code.

@@ -75,7 +75,7 @@ def _digest(recording: str) -> str:
         return hashlib.sha256(data.read_bytes()).hexdigest()
     except OSError as error:
         raise ValueError(
-            f"recording {data}: {error.strerror}; name a .sigmf-meta file beside its .sigmf-data"
+            f"recording {data}: {error.strerror}; name a .sigmf-meta file next to its .sigmf-data"
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""The package from Python, without a flowgraph: what `import radalt` offers beside the blocks.
+"""The package from Python, without a flowgraph: what `import radalt` offers next to the blocks.
 
     import radalt
 

@@ -126,7 +126,7 @@ class _Pool(torch.autograd.Function):
 
 
 def _unpool(x: Tensor, first: Tensor) -> Tensor:
-    """(B, C, L/2) -> (B, C, L): each value at the place of the larger one in `_Pool`, zero beside it."""
+    """(B, C, L/2) -> (B, C, L): each value at the place of the larger one in `_Pool`, zero next to it."""
     here = x * first
     return torch.stack([here, x - here], dim=-1).flatten(2)
 

@@ -25,7 +25,7 @@ raised: list[
 _SWITCH_S = 1e-4
 sys.setswitchinterval(_SWITCH_S)
 
-# Every block is a thread already: BLAS threads beside it only spin (five times the CPU time, measured).
+# Every block is a thread already: BLAS threads next to it only spin (five times the CPU time, measured).
 threadpool_limits(1, user_api="blas")
 
 _turn: contextlib.AbstractContextManager = contextlib.nullcontext()

@@ -33,7 +33,7 @@ from ._frames import (
 from ._guard import guarded
 
 _STATUS_EVERY = 1000  # frames between periodic status messages: 1 s of the default sweep
-# Frames queued beside the ring while the methods are delayed (0.38 s of the default sweep), and bytes for wider ones.
+# Frames queued next to the ring while the methods are delayed (0.38 s of the default sweep), and bytes for wider ones.
 _HELD_UP, _HELD_UP_BYTES = 384, 384 << 16
 # Longest wait in this queue, s: a method that needs longer is too slow, and its frames are dropped.
 _SLOW_S = 1.0

@@ -154,9 +154,9 @@ def _beside(meta: Path, named: Any) -> _Data:
     data = meta.with_suffix(".sigmf-data")
     if not data.exists() and named is not None:
         if not isinstance(named, str) or Path(named).name != named:
-            raise InputError(f"{meta}: core:dataset is {shown(named)}; name a file beside it, no folder")
+            raise InputError(f"{meta}: core:dataset is {shown(named)}; name a file next to it, no folder")
         data = meta.parent / named
-    check_file(data, most_bytes=_DATA_BYTES, what="recording's data", remedy=f"put it beside {meta.name}")
+    check_file(data, most_bytes=_DATA_BYTES, what="recording's data", remedy=f"put it next to {meta.name}")
     return _Data(data, 0, data.stat().st_size)
 
 

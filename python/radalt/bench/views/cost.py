@@ -138,7 +138,7 @@ def draw_pareto(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
 
 
 def _name_points(figure: Any, axis: Any, points: Mapping[str, tuple[float, float]]) -> None:
-    """Names beside their points, each at the first place where it covers no other name and no point."""
+    """Names next to their points, each at the first place where it covers no other name and no point."""
     figure.draw_without_rendering()
     axis.set_autoscale_on(False)
     dots = axis.transData.transform(list(points.values())) if points else []

@@ -346,7 +346,7 @@ def _shipped(name: str) -> Path:
 
 
 def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
-    """A file's keys over those of its ``base``: a file beside it, else a shipped profile."""
+    """A file's keys over those of its ``base``: a file next to it, else a shipped profile."""
     data = load_yaml(path, what="altimeter")
     if not isinstance(data, dict) or not all(
         isinstance(data.get(k, {}), dict) for k in ("numbers", "sources")
@@ -356,7 +356,7 @@ def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
     if base is None:
         return data
     if depth > 3 or not isinstance(base, str):
-        raise ValueError(f"base is {base!r}; name a shipped profile or one beside this, four deep at most")
+        raise ValueError(f"base is {base!r}; name a shipped profile or one next to this, four deep at most")
     beside = path.parent / f"{base}.yaml"
     below = _merged(beside if beside.is_file() else _shipped(base), depth + 1)
     for key in ("numbers", "sources"):
@@ -393,5 +393,5 @@ def _built(data: dict[str, Any]) -> Profile:
             f"numbers.{absent[0]} is missing; every number is given as [value, standing, source]"
         )
     if "standing" in values:
-        raise ValueError("unknown key 'standing'; it stands beside each number")
+        raise ValueError("unknown key 'standing'; it stands next to each number")
     return build(Profile, values | {"standing": standing}, "")

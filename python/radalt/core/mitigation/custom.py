@@ -142,7 +142,7 @@ class Custom(Mitigation):
         return self._inner is not None and self._inner._remembers
 
     def status(self) -> dict[str, object]:
-        """See `Mitigation.status`: file and hash beside what the file's own method says."""
+        """See `Mitigation.status`: file and hash next to what the file's own method says."""
         inner = self._inner.status() if self._inner is not None else {}
         return (
             super().status() | inner | {"method": self.name, "model": self.file.name, "sha256": self.sha256}

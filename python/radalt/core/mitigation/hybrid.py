@@ -18,7 +18,7 @@ _OTHERS = ("tcae", "whitening")
 _SEARCH_FFTS = 6.25
 _RATE_HZ = 7.5e6  # of that figure; a frame of another rate leaves less or more time
 # Weight of a burst in what a canceller leaves, below which its part of the frame is lost: error vectors are 30 dB above
-# what is beside them there. The network knows such a burst better as it was received
+# what is next to them there. The network knows such a burst better as it was received
 _MIN_WEIGHT = 1e-3
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest, of the mean, below which a frame holds a burst
 _MAX_CREDIT = 600.0  # cost that is saved up at most, in the same FFTs: the longest search

@@ -1,4 +1,4 @@
-"""Block LMS as the paper sets it, both wirings, and normalised LMS beside it.
+"""Block LMS as the paper sets it, both wirings, and normalised LMS next to it.
 
 Block LMS is explicit Euler on a stiff gradient flow. It is stable only for about ``mu L block P < 2`` with ``P`` the
 input power, so in the paper's setting it diverges for an input power above about 6. That is reported as divergence, not
@@ -47,7 +47,7 @@ class BlockLms(Mitigation):
     With the reference as input the output is a sum of delayed sweeps whatever is received: noise, Doppler and altitudes
     beyond the filter all become an altitude. A frame is therefore silenced, and counted in ``unconfirmed_frames``,
     unless its strongest beats also exceed the noise of the received frame. Weights that change once per block put
-    images beside the return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one half sweep and as strong as
+    images next to the return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one half sweep and as strong as
     it in the other. Images of a return within the span are harmless; those of a return beyond it would be declared.
     """
 

@@ -195,7 +195,7 @@ def _session(model: str, threads: int, providers: tuple[str, ...], written: tupl
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    # A digest of the file has to cover its weights: none is taken from files beside it.
+    # A digest of the file has to cover its weights: none is taken from files next to it.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     return onnxruntime.InferenceSession(content, options, providers=list(providers))
 

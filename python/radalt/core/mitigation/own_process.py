@@ -1,4 +1,4 @@
-"""A method in a process of its own, so that it computes beside the interpreter that everything else shares."""
+"""A method in a process of its own, so that it computes next to the interpreter that everything else shares."""
 
 import dataclasses
 import mmap
@@ -67,8 +67,8 @@ class OwnProcess(Mitigation):
     >>> from radalt.core.waveform import Waveform
     >>> w = Waveform()
     >>> frames = np.stack([w.reference] * 3)
-    >>> beside = OwnProcess("none", w)
-    >>> bool((beside.process(frames) == frames).all())
+    >>> apart = OwnProcess("none", w)
+    >>> bool((apart.process(frames) == frames).all())
     True
     """
 
@@ -95,7 +95,7 @@ class OwnProcess(Mitigation):
 
     @property
     def process_id(self) -> int:
-        """Of the process beside this one."""
+        """Of the process next to this one."""
         return self._process.pid
 
     def reset(self) -> None:

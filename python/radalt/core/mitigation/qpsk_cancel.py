@@ -179,7 +179,7 @@ class QpskCancel(Mitigation):
     ) -> np.ndarray | None:
         """(n,) residual where the symbols are ``known``, blanked where some are cut; None if little was subtracted.
 
-        A burst, ``on`` (n,) bool, leaves its error vectors: there the residual is weighted with the power beside it
+        A burst, ``on`` (n,) bool, leaves its error vectors: there the residual is weighted with the power next to it
         over its own, as least squares weights samples of unequal noise.
         """
         rest, made = residual[known], model[known]

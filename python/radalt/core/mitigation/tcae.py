@@ -31,7 +31,7 @@ ANY = "any"  # in the metadata of a network that serves every sweep
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
 _APART = 2500  # samples between the three whose modulus is compared first, for speed
 _LOUD = 1e15  # scale from which a network's output may leave float32
-# Power beside the return over the return's in an output, dB, from which the altimeter alone is better in white noise.
+# Power next to the return over the return's in an output, dB, from which the altimeter alone is better in white noise.
 LOST_DB = -1.0
 # Stride in samples at which an output is checked: within 0.3 dB of all samples, prime to the filterbank's period, 30.
 _EVERY = 7
@@ -100,11 +100,11 @@ class Tcae(Mitigation):
 
     skip_white : bool or None
         Frames that hold nothing but a return and white noise pass unchanged (`InterferenceDetector.white`), counted
-        in ``skipped_frames``: what is not touched costs nothing and holds no invention. None: on for a network of any
+        in ``skipped_frames``: untouched frames cost no time and hold no false return. None: on for a network of any
         sweep. 5G wider than the sweep is white, too.
 
     skip_lost : bool or None
-        A frame in white noise passes unchanged only where the network leaves nearly as much beside the return as the
+        A frame in white noise passes unchanged only where the network leaves nearly as much next to the return as the
         return's power: the altimeter alone reads more of these. None: on for the shipped default.
 
     Notes

@@ -93,7 +93,7 @@ def _name(path: Path | str) -> str:
 def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") -> Any:
     """Content of a YAML file, by a strict reader: plain values, each key once.
 
-    These are errors beside invalid YAML: a key twice in one mapping (YAML keeps the last without a word), aliases
+    These are errors besides invalid YAML: a key twice in one mapping (YAML keeps the last without a word), aliases
     (a few lines of them expand to a billion values), and tags other than those of JSON's types. Dates stay text, and so
     does 1:30, which YAML 1.1 defines as 90.
 

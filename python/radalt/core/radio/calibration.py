@@ -98,7 +98,7 @@ def load_latency_samples(key: CalibrationKey, path: Path | str | None = None) ->
 def store_latency_samples(
     latency_samples: float, key: CalibrationKey, path: Path | str | None = None
 ) -> Path:
-    """Store a latency beside the others; returns the file.
+    """Store a latency next to the others; returns the file.
 
     Raises
     ------

@@ -58,7 +58,7 @@ def write_metadata(
     recorder: str,
     radio: Mapping[str, float] | None = None,
 ) -> Path:
-    """Write ``.sigmf-meta`` beside the samples: scene, captures, and annotations of altitude and jammer.
+    """Write ``.sigmf-meta`` next to the samples: scene, captures, and annotations of altitude and jammer.
 
     Parameters
     ----------

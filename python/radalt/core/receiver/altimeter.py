@@ -120,7 +120,9 @@ class Altimeter(BeatSpectra):
         s, shape, step = self.settings, self._shape, self._step
         self._crossings = upcrossings(shape)
         group = max(1, round(self._per_resolution))
-        each = self._per_resolution / group  # groups a resolution cell: 1, but for FFT sizes that are none
+        each = (
+            self._per_resolution / group
+        )  # cells per group, of a resolution cell: 1 unless the size divides unevenly
         turns = np.exp(2j * np.pi * step * np.arange(shape.size))  # by one cell
         self.cfar = Cfar(
             train=max(2, round(s.train_cells * each)),
@@ -217,12 +219,12 @@ class Altimeter(BeatSpectra):
             ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond
             the main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less
             likely. ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell
-            beside it, in the range profile: power by altitude, both half sweeps added.
+            next to it, in the range profile: power by altitude, both half sweeps added.
 
         Raises
         ------
         ValueError
-            For frames of another length, or an interval of speeds that is none.
+            For frames of another length, or a speed interval whose lower limit exceeds its upper.
         """
         return self.detect(
             self.spectra(frames),
@@ -334,7 +336,7 @@ class Altimeter(BeatSpectra):
             return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]), dtype=float)
 
     def _peak_to_sidelobe_db(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """(n,) main lobe, to its first zeros, over the strongest cell beside it, in the range profile."""
+        """(n,) main lobe, to its first zeros, over the strongest cell next to it, in the range profile."""
         margin = self.cfar.margin
         profile = power[..., margin + self._first : margin + self._last].sum(axis=1)
         apart = np.abs(np.arange(self._first, self._last) - pair.mean(axis=1)[:, None])

@@ -62,7 +62,7 @@ class AltimeterSettings:
     max_vertical_speed_m_per_s : float or None
         Largest range rate: how far the two sweeps' beats may differ and still be one target. None takes what a
         scene flies, else 20 m/s per frame, and 150 m/s in a track or where a call names a speed. At equal false alarms
-        150 m/s costs 1 dB of sensitivity. Where a method leaves holes in the sweep, one half's grating lobe beside the
+        150 m/s costs 1 dB of sensitivity. Where a method leaves holes in the sweep, one half's grating lobe next to the
         other's peak also passes for a speed. A caller that knows the speed better gives it per call
         (`Altimeter.process`).
     window : str

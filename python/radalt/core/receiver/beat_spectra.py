@@ -28,7 +28,7 @@ _CLOSE = 0.01  # cycles that a return may be off its beat's phase at the beginni
 # Entries of the table that leaves out each cell's own delay: 8 MB, which costs 30 FFTs a frame.
 _LARGEST_HEAD = 1 << 20
 _SOFT = 0.05  # singular values below this share of the largest only sharpen the edge of what is left out
-# Spectral cells per resolution cell: two lose 0.9 dB to straddling, and beside a grating lobe the decision with it
+# Spectral cells per resolution cell: two lose 0.9 dB to straddling, and next to a grating lobe the decision with it
 # (5 MHz NR at -60 dB behind the network: 0.84 of forced altitudes right with two, 1.00 with four).
 _OVERSAMPLING = 4.0
 # Share of its energy that a frame has left at least where a line beyond the span is found: half a cell off, and by its

@@ -39,7 +39,7 @@ class Significance(NamedTuple):
     colour : (n, 2) float
         0 where the level is that of the whole band, 1 where it is that of the cells around.
     spared : (n,) float32
-        Logarithm of how many cells are one trial where support is narrower than the window's, mean of both halves.
+        ln(cells per independent trial), mean of both halves: above 0 where a shortened window widens the main lobe.
     """
 
     power: np.ndarray

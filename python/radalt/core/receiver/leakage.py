@@ -16,7 +16,7 @@ from numpy.polynomial import legendre
 
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
 
-# Delays that count as leakage, in metres of altitude from the leakage's own: cables and antennas beside each other to
+# Delays that count as leakage, in metres of altitude from the leakage's own: cables and antennas next to each other to
 # the landing gear of an airliner
 NEAREST_M, REACH_M = -3.0, 15.0
 # Legendre polynomials per half sweep: a beat of half the reach has 0.45 cycles there, and what the next one would add

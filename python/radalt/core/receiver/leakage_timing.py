@@ -15,7 +15,7 @@ _UNLIKE = 0.5
 _STEPS, _DERIVED = 2, 1e-3  # Gauss-Newton steps of the delay; step of its derivative, samples
 _LEAST_LEFT = 0.3  # share of the leakage that a ground at almost the same place has to leave to it
 _REST = 0.1  # share of the leakage's energy up to which a line near its place is what was left of it
-_NEAR, _FLANK = 2, 3  # samples searched beside its place; samples on either side that belong to one line
+_NEAR, _FLANK = 2, 3  # samples searched next to its place; samples on either side that belong to one line
 _TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a line is and where it is seen, as in `SweepCheck`
 
 
@@ -86,11 +86,11 @@ class LeakageTiming:
         sent: tuple[float, float] | None = None,
         offset_s: float = 0.0,
     ) -> float | None:
-        """Samples by which the leakage lies beside its place in a received frame (N,); None where it is hidden.
+        """Samples by which the leakage lies next to its place in a received frame (N,); None where it is hidden.
 
         The leakage is known by its amplitude and its phase. Where it is known what was ``sent`` (altitude in metres and
         range rate in m/s, timing ``offset_s`` s after the frame's first sample), only what a return there cannot be
-        counts: the least-squares estimate of one line beside another.
+        counts: the least-squares estimate of one line next to another.
         """
         n = self._n
         expected, energy = self._expected(frame_index, sent, offset_s)
@@ -161,7 +161,7 @@ class LeakageTiming:
     ) -> tuple[str, float, float]:
         """`SweepCheck.verdict` of a frame, the leakage subtracted, together with where the leakage is.
 
-        A leakage beside its place contradicts the timing. One at its place verifies it, whatever else a frame shows. So
+        A leakage off its place contradicts the timing. One at its place verifies it, whatever else a frame shows. So
         whole frames that are lost without a tag are not noticed then, as with altitudes that are set by hand.
         """
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * self._rate

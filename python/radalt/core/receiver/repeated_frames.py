@@ -61,7 +61,7 @@ class RepeatedFrames:
 class RepeatedNoise:
     """Notices a receiver whose noise comes again: a ring of up to a minute, or a buffer with another gain, phase or DC.
 
-    The noise is that of cells beside the span of altitudes, without the side lobes of a return, by phase alone, so that
+    The noise is that of cells off the span of altitudes, without the side lobes of a return, by phase alone, so that
     no strong line decides. One frame of each block is compared with all frames of the last minute. A return that stands
     to the millimetre repeats itself, and so may interference: both at once are taken for a frozen receiver.
 

@@ -105,7 +105,7 @@ class FrameSegmenter:
         self.leakage = leakage
         self._leakage = None if leakage is None else LeakageTiming(leakage, settings, self._finder)
         self._installation_m = 0.0 if leakage is None else leakage.installation_delay_m
-        # room for some frames beyond the longest wait, so that the rest is seldom moved to the start
+        # spare capacity: the buffer is compacted only every few frames
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
         self._faults = ReceiverFaults(waveform, self._finder, noise=noise)
         self.counters = dict.fromkeys(_COUNTERS, 0)

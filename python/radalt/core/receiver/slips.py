@@ -49,7 +49,7 @@ class _Doubt:
 
     @property
     def whole_frames(self) -> np.ndarray:
-        """(h,) bool: slips of no fraction of a frame."""
+        """(h,) bool: True where a whole number of frames was lost."""
         return (np.abs(self.samples) <= self.tolerance) & (self.frames > 0)
 
 

@@ -1,4 +1,4 @@
-"""Returns in the sums over one block of frames: the strongest, others beside it, their errors."""
+"""Returns in the sums over one block of frames: the strongest, others next to it, their errors."""
 
 from dataclasses import dataclass
 
@@ -183,7 +183,7 @@ class Block:
         return None if entry is None else self.measure(entry)
 
     def at_peaks(self, allowed: np.ndarray) -> np.ndarray:
-        """Those of the allowed entries whose halves both lie beside a peak; all of them where none does.
+        """Those of the allowed entries whose halves both lie next to a peak; all of them where none does.
 
         Within a gate the strongest entry may lie on the flank of a lobe beyond it.
         """
@@ -241,7 +241,7 @@ class Block:
         if not curvature > 0:
             return None
         over = max(0.0, float(here / floor) - 1.0)
-        # noise of the slope over the curvature; beside a return the noise is greater by its power over noise
+        # noise of the slope over the curvature; next to a return the noise is greater by its power over noise
         variance = slope * (1.0 + over) / curvature**2
         return (
             cell + float(np.interp((right - left) / curvature, *self.tables.peak_curve)),

@@ -74,7 +74,7 @@ class PairSearch:
     cell_threshold, pair_threshold : float
         On one cell's significance, and on the sum of two.
     spare : float
-        By how much the threshold on a pair falls per `Significance.spared`: 1 per cell searched, 2 per pair of cells.
+        Decrease of the pair threshold per unit of `Significance.spared`: 1 per cell searched, 2 per pair of cells.
     flank : float
         Ratio of the power half a resolution cell away to a cell's own that no peak reaches.
     side_lobes : (J,) float array
@@ -102,9 +102,9 @@ class PairSearch:
         """The pair of greatest power over noise, and whether it is a target.
 
         All cells of a half sweep share its noise, so that the most likely pair is that of the greatest sum of powers
-        over it, however uncertain the noise is. Significance would let a lobe win that is even in both halves. Forced
-        and declared decisions are the same pair: it is declared if the sum of its significance exceeds the threshold
-        and each half sweep shows it above a floor of its own.
+        over it, however uncertain the noise is. The sum of significances would favour a side lobe of equal power in
+        both halves. Forced and declared decisions are the same pair: it is declared if the sum of its significance
+        exceeds the threshold and each half sweep shows it above a floor of its own.
 
         Parameters
         ----------

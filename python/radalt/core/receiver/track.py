@@ -17,7 +17,7 @@ _NIS_SHARE = 0.1
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a (1, 1) or (2, 2) covariance; LAPACK wakes its threads, for milliseconds beside a busy flowgraph."""
+    """Inverse of a (1, 1) or (2, 2) covariance; LAPACK wakes its threads, for milliseconds next to a busy flowgraph."""
     if len(matrix) == 1:
         return 1.0 / matrix
     (a, b), (c, d) = matrix
@@ -35,7 +35,7 @@ class Kalman:
     mean: np.ndarray
     covariance: np.ndarray
     nis: float = 1.0  # normalised innovation squared, mean of about ten blocks
-    # error of the mean if every altitude were off by its own standard deviation with the same sign
+    # state error for a measurement bias of +1 sigma: worst-case correlated errors
     pulled: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def predict(self, seconds: float, acceleration: float) -> None:
@@ -138,7 +138,7 @@ class Evidence:
     def better_pair(
         self, reach: int, apart: tuple[int, int], lobe: float, span: tuple[float, float]
     ) -> tuple[int, int] | None:
-        """The pair of cells beside the track's that has shown the most power; None where its own have.
+        """The pair of cells next to the track's that has shown the most power; None where its own have.
 
         Steps of the up half and of the down half from the track's cells, ``reach`` at most; the rest as in `farthest`.
         """

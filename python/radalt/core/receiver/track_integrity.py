@@ -222,7 +222,7 @@ class Integrity:
         return farthest == 0.0
 
     def better_pair(self, track: Track) -> tuple[int, int] | None:
-        """`Evidence.better_pair` as far as the grating lobes beside a return, over the speeds that are open."""
+        """`Evidence.better_pair` as far as the grating lobes next to a return, over the speeds that are open."""
         t = self.tables
         span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
         reach = round(_GRATING_CELLS * t.resolution_cells)

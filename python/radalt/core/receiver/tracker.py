@@ -126,7 +126,7 @@ class AltitudeTracker:
                 repeated.reset()
         self._block: int | None = None  # number of the block that is being filled
         self._next_index = 0
-        self._beside = False  # whether the received frames come beside the cleaned ones
+        self._beside = False  # whether the received frames come next to the cleaned ones
 
     @property
     def false_alarms_per_output(self) -> float:

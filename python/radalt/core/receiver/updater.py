@@ -23,7 +23,7 @@ class Updater:
     """Measures tracks in blocks, and updates filter, evidence and counters.
 
     A track is certain once its evidence has ruled out every other pair of cells, of any speed. One
-    that has never been certain moves to the pair beside it (within 40 m) that its blocks together show with more power,
+    that has never been certain moves to the next pair (within 40 m) that its blocks together show with more power,
     unless its altitudes contradict that pair's Doppler: then that pair is the lobe.
 
     The filter takes Doppler in once no grating lobe can pass for it. A Doppler that the altitudes contradict in two
@@ -118,7 +118,7 @@ class Updater:
         return track.resolved and track.contradicted == 0 and self.integrity.alone(track)
 
     def resolve(self, track: Track, scan: Scan, found: Measurement) -> Measurement:
-        """The track's measurement, or that of the pair beside it that all its blocks together show with more power.
+        """The track's measurement, or that of the pair next to it that all its blocks together show with more power.
 
         One block takes a grating lobe for the return more easily than ten do. A track whose ambiguity is resolved does
         not move any more: what has more power then is another return.

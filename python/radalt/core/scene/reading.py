@@ -37,7 +37,7 @@ class SceneError(ValueError):
 def load_scene(name: str | Path) -> Scene:
     """Read and validate a scene by path, or by the name of a shipped one.
 
-    Relative names of files in it are sought beside the scene, then in the working folder.
+    Relative names of files in it are sought next to the scene, then in the working folder.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def _located(value: Any, folder: Path, where: str) -> Any:
     if known or kind == "calibrations" or folder.resolve() == shipped / "scenes":
         return value
     raise ValueError(
-        f"{where} is {shown(value)}; it is neither in {folder.resolve()}, beside the scene, nor in {Path.cwd()}"
+        f"{where} is {shown(value)}; it is neither in {folder.resolve()}, next to the scene, nor in {Path.cwd()}"
     )
 
 

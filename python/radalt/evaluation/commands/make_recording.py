@@ -80,7 +80,7 @@ def noisy(samples: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.nd
 
 
 def write(meta: Path, samples: np.ndarray, rate_hz: float, description: str) -> None:
-    """Write the recording as ``ci16_le`` beside its metadata."""
+    """Write the recording as ``ci16_le`` next to its metadata."""
     meta.parent.mkdir(parents=True, exist_ok=True)
     rails = np.clip(np.rint(samples.view(np.float64) * (32767 / CREST)), -32768, 32767)
     rails.astype("<i2").tofile(meta.with_suffix(".sigmf-data"))

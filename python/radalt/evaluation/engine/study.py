@@ -73,7 +73,7 @@ class Study:
     def report(self, folder: "RunFolder", rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """Write the report of all rows by table; returns the path of its page.
 
-        By default ``write_report(folder, study, rows, run)`` of the module ``report`` beside the study's.
+        By default ``write_report(folder, study, rows, run)`` of the module ``report`` next to the study's.
         """
         room = type(self).__module__.rpartition(".")[0]
         page: Path = importlib.import_module(".report", room).write_report(folder, self, rows, run)

@@ -75,7 +75,7 @@ def save_as_companion(data: dict[str, Any], path: Path) -> None:
 
 
 def generate(data: dict[str, Any], folder: Path) -> Path:
-    """Write the .grc file and generate Python by GNU Radio's compiler; returns ``<id>.py``, beside ``<id>.grc``.
+    """Write the .grc file and generate Python by GNU Radio's compiler; returns ``<id>.py``, next to ``<id>.grc``.
 
     Raises FlowgraphError if a block is missing or the flowgraph is not valid; names the first error.
     """

@@ -12,7 +12,7 @@ from .points import OverlapPoint
 
 POINT = ("method", "interference", "overlap", "sir_db", "snr_db")  # columns that name a method and a point
 
-COUNTERS = ("diverged_frames", "discontinuities", "lock_losses")  # of the signal path, beside `Score`
+COUNTERS = ("diverged_frames", "discontinuities", "lock_losses")  # of the signal path, besides `Score`
 
 COLUMNS = Columns(
     names=(

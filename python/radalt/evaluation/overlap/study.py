@@ -105,7 +105,7 @@ def _digests(files: Mapping[str, Path]) -> dict[str, str]:
 
 
 def scene_files(scene: Scene) -> dict[str, Path]:
-    """Files that the rows of a scene depend on beside its methods': of its landing, and its leakage calibration."""
+    """Files that the rows of a scene depend on besides its methods': of its landing, and its leakage calibration."""
     landing = scene.landing if scene.return_model == "terrain" else None
     out = landing.files() if landing else {}
     if scene.segmenter.leakage_calibration not in ("", UNCALIBRATED):

@@ -91,7 +91,7 @@ def run_hardware(
     scene : Scene
         At one point of its sweep; ``radio`` names devices, gains, enclosure.
     transmit : bool
-        The command line's ``--transmit``; the interlock needs it beside the enclosure.
+        The command line's ``--transmit``; the interlock needs it besides the enclosure.
     calibration, use_calibration, log
         As in `set_up`.
     capture : path, optional

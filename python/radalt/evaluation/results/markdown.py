@@ -15,7 +15,7 @@ _KINDS = {
 }
 _SPANS = (  # in this order, on text between code spans
     (re.compile(r"\[([^\]]*)\]\((https?://[^)\s]*)\)"), r'<a href="\2">\1</a>'),
-    (re.compile(r"\[([^\]]*)\]\([^)]*\)"), r"\1"),  # files beside the page may be missing
+    (re.compile(r"\[([^\]]*)\]\([^)]*\)"), r"\1"),  # files next to the page may be missing
     (re.compile(r"\*\*([^*]+)\*\*"), r"<b>\1</b>"),
     (re.compile(r"(?<!\w)[*_](?=\S)([^*_]+)(?<=\S)[*_](?!\w)"), r"<i>\1</i>"),
 )

@@ -1,4 +1,4 @@
-"""Pages from templates: the text of a report is a ``.md.j2`` or ``.html.j2`` file beside the study's code."""
+"""Pages from templates: the text of a report is a ``.md.j2`` or ``.html.j2`` file next to the study's code."""
 
 import base64
 import time

@@ -66,7 +66,7 @@ KINDS = {
     "beyond": "ground beyond the span, to the unambiguous limit",
     "frozen": "receiver repeats a frame or a block",
     "leakage": "leakage with its calibration, cables of 0 to 15 m",
-    "gear": "landing gear beside leakage of 30 dB",
+    "gear": "landing gear next to leakage of 30 dB",
     "nonlinear": "sweep not linear, by a share of its bandwidth",
     "clock": "sample clocks of transmitter and receiver differ",
     "gnuradio": "GNU Radio's own transmitters",

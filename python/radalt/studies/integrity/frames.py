@@ -101,7 +101,7 @@ def _point(altitude_m: np.ndarray, speed: np.ndarray, phase: float, level_db: fl
 def _others(
     case: Case, flight: Flight, rng: np.random.Generator
 ) -> Iterator[tuple[np.ndarray, np.ndarray, float, int]]:
-    """Returns beside the ground's: altitudes, speeds, level over the ground's in dB, frame from which on."""
+    """Returns next to the ground's: altitudes, speeds, level over the ground's in dB, frame from which on."""
     ground, speed, fault = flight.middle_m, flight.speed_m_per_s, flight.fault_frame or 0
     time_s = (np.arange(ground.size) + 0.5) * WAVEFORM.sweep_s
     if case.kind == "drawn" and rng.random() < 0.5:

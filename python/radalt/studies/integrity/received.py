@@ -16,7 +16,7 @@ from .frames import frames_of, white_noise
 _SEGMENTED = ("slip", "clock", "leakage", "gear")  # kinds received as a stream
 _PREAMBLE = 8  # frames at altitude zero, on which the segmenter takes its timing
 _LEAKAGE_M, _GEAR_M = 1.0, 4.5  # paths of leakage and landing gear, as in the scene `leakage`
-_LEAKAGE_DB = 30.0  # leakage beside landing gear, over the return
+_LEAKAGE_DB = 30.0  # leakage next to landing gear, over the return
 _CABLES_M = 15.0  # longest cables to the antennas, as altitude
 _CALIBRATION_FRAMES = 400  # docs/leakage.md
 

@@ -252,7 +252,7 @@ def _numbers() -> Iterator[tuple[str, np.ndarray, np.ndarray, bool]]:
 
 
 def front_end_cases() -> Iterator[Case]:
-    """An amplifier deep in compression, and blockers beside the band whose third-order product is a line in the IF."""
+    """An amplifier deep in compression, and blockers next to the band whose third-order product is a line in the IF."""
     amplifier = Amplifier(p1db_dbm=-20.0, iip3_dbm=-8.0)  # of the profile fmcw_150mhz
     return_dbm = -80.0
 

@@ -81,7 +81,7 @@ def _check(name: str, value: float, bound: float, unit: str) -> dict[str, Any]:
 
 
 def long_run_rows() -> Iterator[dict[str, Any]]:
-    """Phase and timing after 1e11 samples, reached by setting the counter; a float32 accumulator beside them."""
+    """Phase and timing after 1e11 samples, reached by setting the counter; a float32 accumulator next to them."""
     w = Waveform(bandwidth_hz=7.100123e6, centered=False)
     n = w.samples_per_frame
     for frames in (_FAR // n, 10**9):

@@ -64,7 +64,7 @@ class StabilityStudy(ChainStudy):
     groups : tuple of str
         Names in `cases.GROUPS`.
     checked : tuple of str
-        Methods whose determinism and flowgraph are checked, beside long runs; empty leaves all checks out.
+        Methods whose determinism and flowgraph are checked, besides long runs; empty leaves all checks out.
     """
 
     chains: tuple[Chain, ...]

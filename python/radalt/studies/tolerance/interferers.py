@@ -18,7 +18,7 @@ from .criteria import HIGHEST_DBM
 _LOCKED_M = 450.0  # range at which an equal, locked sweep appears, installation delay included
 _LOCKED_SHARE = 0.75  # of the span, where that is less: it has to lie within
 _DRIFT = 1e-5  # relative difference of the periods of equal sweeps: two crystals of 5 ppm
-# Broadband noise of an emitter beside its signal: that of an oscillator (assumed); for NR an adjacent channel leakage
+# Broadband noise of an emitter next to its signal: that of an oscillator (assumed); for NR an adjacent channel leakage
 # ratio of 45 dB, the usual limit of base stations, over the whole sweep.
 _OSCILLATOR_DBC_PER_HZ = -130.0
 _LEAKAGE_DBC_PER_HZ = -45.0 - 69.7  # 69.7 dB: the 9.36 MHz that the carrier occupies
@@ -91,7 +91,7 @@ class Interferer:
     ----------
     title : str
     emitter : callable (profile, rng) -> Emitter, or None
-        None for white noise and for signals beside the band.
+        None for white noise and for signals next to the band.
     constant_envelope : bool
         Whether its envelope at the amplifier is constant.
     bandwidth_hz : float or None

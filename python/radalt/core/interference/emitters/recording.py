@@ -53,7 +53,7 @@ class RecordingEmitter(NamedEmitter):
     Notes
     -----
     A recording contains the noise of its receiver, which demodulation cannot remove. An estimate of it becomes a note
-    of the report, beside licence, author and description from the metadata. The file is opened when samples are first
+    of the report, next to licence, author and description from the metadata. The file is opened when samples are first
     needed.
     """
 

@@ -134,7 +134,7 @@ def _widest(mean: np.ndarray) -> np.ndarray:
 
 @dataclass
 class ChannelEstimator:
-    """Least squares for one frame. ``tile_edge`` is the first subcarrier of a resource block, once it is known."""
+    """Least squares for one frame. ``edge`` is the first subcarrier of a resource block, once it is known."""
 
     settings: OfdmSettings
     cuts: list[np.ndarray] | None = field(default=None)
@@ -215,7 +215,7 @@ class ChannelEstimator:
     def tiles(
         self, agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid, *, slopes: bool = True
     ) -> np.ndarray:
-        """(L, K) gain of its own for 12 subcarriers of a part of a half slot, with a slope over frequency.
+        """(L, K): one complex gain and slope per resource block and part of a half slot.
 
         Where a half slot divides (the slot's data begin after its control symbols), and on which subcarrier resource
         blocks begin, is what explains most of the power: ``sum |sum w y conj(s)|^2 / sum w |s|^2``.

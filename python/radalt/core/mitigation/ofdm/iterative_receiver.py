@@ -37,8 +37,8 @@ _DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN, _FIT = (
     80.0,
 )
 _FINISH = _CFO + 2 * _SUBTRACT + _RETURN + 2 * (_DEMAP + _LOOP)
-_SAMPLED = 7  # one block of subcarriers in so many is judged when the first noise is sought
-# nats per neper of unevenness: a wrong reading has regions without any error, and bad ones
+_SAMPLED = 7  # decimation of resource blocks in the first noise estimate
+# penalty on the spread of the log error between regions, nats per neper: a false lock fits some and fails in others
 _UNEVEN_PENALTY = 0.05
 _RESIDUE = np.float32(0.02)  # of a known return's power: it is no exact tone
 _LEAST = np.float32(1e-9)  # of the channel's power, that of a frame being 1: a divisor
@@ -358,7 +358,7 @@ class IterativeReceiver:
         return tried[best], np.where(turned > unrotated[best] + 5, _EIGHTH, np.complex64(1))[:, None]
 
     def _nats(self, z: np.ndarray, t: np.ndarray, noises: np.ndarray, segments: np.ndarray) -> np.ndarray:
-        """(noises, L) log density of the symbols for each noise, all at once as so many symbols."""
+        """(noises, L) log likelihood of the symbols for each candidate noise variance, in one call."""
         count, length = len(noises), len(z)
         many = (np.arange(count)[:, None] * length + segments).ravel()
         noise = np.repeat(noises, length)[:, None] * np.ones(z.shape[1], np.float32)

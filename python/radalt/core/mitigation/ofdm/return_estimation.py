@@ -146,7 +146,7 @@ class ReturnEstimator:
         probability ``(1 + x) exp(-x)``; with as many pairs as are as close, the best pair has to be unlikely by chance,
         and larger than every other. A return has one power in both halves: where they differ, the weaker one has to be
         unlikely by chance, too. The pair that an altimeter takes has to be at a speed that is flown. Symbols decided
-        wrongly leave one half, or several beats, and an altitude beside the return's.
+        wrongly leave one half, or several beats, and an altitude next to the return's.
         """
         s = self._s
         beat = self._dechirped(frame) * self._window

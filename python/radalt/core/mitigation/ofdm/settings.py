@@ -22,7 +22,7 @@ class OfdmSettings:
     # return
     visible_ratio: float = 16.0  # beat peak over mean power, each half: 1e-4 by chance [F: exp]
     visible_cells: float = 2.0  # range cells between the halves' beats of one return [F: 10 m/s]
-    mask_margin: int = 3  # subcarriers beside the return's own: sweep within a symbol, Doppler [F]
+    mask_margin: int = 3  # subcarriers next to the return's own: sweep within a symbol, Doppler [F]
     raw_ratio: float = 8.0  # tones over noise as received: removed before decisions [M]
     found_ratio: float = 8.0  # tones over noise when cancelled: a return-aware pass [F: exp]
     return_uncertainty: float = 2.0  # error of a tone's power, over its ratio [F: Cramer-Rao]

@@ -3,7 +3,7 @@
 PDSCH has one QAM order per user, which holds for a block of subcarriers over a half slot. Control channels, pilots,
 synchronisation signals and silence hold for about a resource block of one symbol. Both are mixture models:
 ``p(z) = P_c p_control(z) + (1 - P_c) sum_q P_q p_q(z) + outlier``, with ``P_q`` pooled over a half slot's block and
-``P_c`` over twelve subcarriers of a symbol (N. Surendran, M. G. Sushma, "soft demapping" as in D. Guo, S. Verdu,
+``P_c`` over twelve subcarriers of a symbol (D. Guo, S. Verdu,
 "Randomly spread CDMA", IEEE Trans. Inf. Theory 51(6), 2005: the posterior mean minimises the squared error).
 """
 
@@ -17,7 +17,7 @@ from .numerology import Numerology
 from .settings import OfdmSettings
 
 _AREA = 4 * np.pi  # in which an element that is none of the points may lie: |z| < 2, points have unit power
-_NEIGHBOUR = np.float32(0.5)  # weight of the two blocks beside one, when its QAM order is judged
+_NEIGHBOUR = np.float32(0.5)  # weight of the two blocks next to one, when its QAM order is judged
 
 
 @dataclass(frozen=True)

@@ -51,13 +51,13 @@ def _lines(frame: np.ndarray) -> np.ndarray:
     """(k,) cycles per frame of the lines that stand out of the spectrum around them."""
     count = frame.size
     spectrum = fft.fft(frame * _window(count))
-    with np.errstate(over="ignore"):  # of a level whose powers no float32 holds nothing is said
+    with np.errstate(over="ignore"):  # power may overflow float32; such frames are left alone
         level = spectrum.real**2 + spectrum.imag**2
     if not level.max() > _PEAK * level.mean():
         return np.zeros(0)
     blocks = level[: count - count % _BLOCK].reshape(-1, _BLOCK)
     floor = np.sort(blocks, axis=1)[:, _BLOCK // 2]
-    # beside a wide signal the floor is that signal's
+    # next to a wide signal the floor is that signal's
     floor = np.concatenate([floor[-1:], floor, floor[:1]])
     floor = np.maximum(np.maximum(floor[:-2], floor[2:]), floor[1:-1])
     high = np.flatnonzero(blocks.max(axis=1) > np.maximum(_LINE * floor, _RANGE * level.max()))

@@ -90,7 +90,7 @@ def _neighbour_products(frame: np.ndarray) -> np.ndarray:
 def _timing(spectrum: np.ndarray, line: int, count: int) -> SymbolTiming:
     """Rate and phase of a line between two bins."""
     before, peak, after = np.abs(spectrum[line - 1 : line + 2])
-    # the ratio of two bins beside a line gives its place between them: exact for the Hann window
+    # the ratio of two bins next to a line gives its place between them: exact for the Hann window
     side = 1 if after > before else -1
     ratio = float(max(before, after) / peak)
     rate = (line + side * (2 * ratio - 1) / (ratio + 1)) / count

@@ -69,7 +69,9 @@ class Tracker:
         self.evm_squared = symbols.evm_squared
         self._least = float(np.mean(np.square(np.abs(residual[train.known]))))
         self._power = self._least
-        self._rest = self._unchanged = 0  # frames that go uncorrected, and have gone so
+        self._rest = self._unchanged = (
+            0  # frames still to skip before the next correction; since the last change
+        )
         self._predict(symbols.times, self._correct(self._pulse, pulses, 1.0))
 
     def track(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, slice] | None:
@@ -167,7 +169,7 @@ class Tracker:
         return pulses, model, residual, float(power), steps
 
     def _correct(self, before: np.ndarray, pulses: np.ndarray, share: float) -> float:
-        """Take over a ``share`` of what changes the pulse known ``before`` to the (2, length) ``pulses`` of a frame;
+        """Move the tracked pulse from ``before`` by ``share`` of its difference to a frame's (2, length) ``pulses``;
         returns the delay of its symbols in samples.
 
         A delay is no change of the pulse but of the symbols' times. A pulse whose delay drifts over the frame corrects
