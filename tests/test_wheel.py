@@ -73,7 +73,7 @@ def test_it_measures_and_commands_say_what_they_need(site, tmp_path):
     code = f"""{WITHOUT_GNU_RADIO}
 import radalt
 assert radalt.__file__.startswith({str(site)!r}), radalt.__file__
-report = radalt.evaluate("nr5", ["none", "tcae"], sir_db=-30, overlap=1, altitude_m=100, frames=4, progress=False)
+report = radalt.evaluate("nr5", ["none", "tcae"], sir_db=-30, overlap=1, altitude_m=100, frames=4, out="one", progress=False)
 assert report.html.is_file() and len(report.table) == 2
 from radalt.evaluation import programs
 assert programs.main(["collect", str(report.folder), "--out", "all"]) == 0
@@ -90,7 +90,7 @@ assert programs.main(["eval", "--sim"]) == programs.main(["remote", "--sim"]) ==
 
 def test_beside_gnu_radio_it_runs_the_flowgraph(site, tmp_path):
     line = "eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --jobs 1 --out out".split()
-    done = python(site, tmp_path, "-m", "radalt.evaluation.programs", *line)
+    done = python(site, tmp_path, "-m", "radalt", *line)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "out/report.html").is_file()
 
@@ -99,7 +99,7 @@ def test_another_version_is_named_in_one_line(site, tmp_path):
     other = tmp_path / "older"
     (other / "radalt").mkdir(parents=True)
     (other / "radalt/__init__.py").write_text('__version__ = "0.0.7"\n')
-    words = ("-m", "radalt.evaluation.programs", "collect", "--help")
+    words = ("-m", "radalt", "collect", "--help")
     assert python(site, tmp_path, *words).stderr == ""
     done = python(site, tmp_path, *words, more=(other,))
     assert done.returncode == 0 and done.stderr.count("\n") == 1
