@@ -148,9 +148,11 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     shown = run(radalt, "collect", "--help", cwd=tmp_path, env=kept)
     assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
     assert ".venv" not in shown
-    for word, answer in (("nonsense", ", collect, control, eval, "), ("gallery", "tools/gallery.py")):
-        done = ran(radalt, word, cwd=tmp_path, env=kept)
-        assert (done.returncode, done.stderr.count("\n")) == (2, 1) and answer in done.stderr
+    done = ran(radalt, "nonsense", cwd=tmp_path, env=kept)
+    assert (done.returncode, done.stderr.count("\n")) == (
+        2,
+        1,
+    ) and ", collect, control, eval, " in done.stderr
 
 
 def test_command_says_what_is_missing_or_runs(prefix, tmp_path):
