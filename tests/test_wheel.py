@@ -73,7 +73,8 @@ def test_it_measures_and_commands_say_what_they_need(site, tmp_path):
     code = f"""{WITHOUT_GNU_RADIO}
 import radalt
 assert radalt.__file__.startswith({str(site)!r}), radalt.__file__
-report = radalt.evaluate("nr5", ["none", "tcae"], sir_db=-30, altitude_m=100, frames=4, out="one", progress=False)
+point = dict(sir_db=-30, overlap=1, altitude_m=100, frames=4)
+report = radalt.evaluate("nr5", ["none", "tcae"], **point, out="one", progress=False)
 assert report.html.is_file() and len(report.table) == 2
 from radalt.evaluation import programs
 assert programs.main(["collect", str(report.folder), "--out", "all"]) == 0
