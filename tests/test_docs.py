@@ -183,18 +183,6 @@ def _below_whitening(rows):
     return [f"{end(gains_db):.1f}" for end in (min, max)]
 
 
-def _near_the_lowest(rows):
-    """Cases with typical emitters, and in how many of them `hybrid` and `compact` come within 2 dB of the lowest."""
-    curves = {}
-    for r in rows:
-        if "ideal" not in r["interferer"]:
-            curves.setdefault((r["interferer"], r["overlap"]), {}).setdefault(r["method"], []).append(r)
-    swept = [case for case in curves.values() if len(case["none"]) > 1]
-    found = [{method: _break_point(mine).sir_db for method, mine in case.items()} for case in swept]
-    near = [{m for m, db in case.items() if db <= min(case.values()) + 2} for case in found]
-    return [str(len(near)), *(str(sum(name in case for case in near)) for name in ("hybrid", "compact"))]
-
-
 def _cpu_ratios(rows):
     """Least and largest over the scenes: median with all built over median pruned."""
     median = {
@@ -261,12 +249,6 @@ def _what_guarding_costs(rows):
             _break_points,
         ),
         (("docs/sweeps.md",), r"by (-?[\d.]+) to ([\d.]+) dB\*\*", "sweeps", _below_whitening),
-        (
-            ("docs/tcae_comparison.md",),
-            r"break-point of (\d+) cases: `hybrid` in (\d+), `compact` in (\d+)",
-            "tcae_comparison",
-            _near_the_lowest,
-        ),
         (("docs/leaving_out.md",), r"takes (\d+) to (\d+) times the CPU", "leaving_out", _cpu_ratios),
         (
             ("docs/stability.md",),
@@ -298,7 +280,6 @@ def _what_guarding_costs(rows):
         "detection",
         "cancellation",
         "sweeps",
-        "comparison",
         "leaving_out",
         "stability",
         "tolerance",
