@@ -6,10 +6,10 @@ from radalt.evaluation.results.markdown import to_html
 
 
 def test_markdown_keeps_code_and_escapes_the_rest():
-    text = "# A <b>\n\nBy `a_b*c*` and *one* **two**\non [x](y.md), [z](https://z.org).\n\n- 1 < 2\n  more\n- b\n"
+    text = "# A <b>\n\nBy `a_b*c*` and *one* **two `c`**\non [x](y.md), [z](https://z.org).\n\n- 1 < 2\n  more\n- b\n"
     assert to_html(text, str) == (
         "<h1>A &lt;b&gt;</h1>\n"
-        '<p>By <code>a_b*c*</code> and <i>one</i> <b>two</b> on x, <a href="https://z.org">z</a>.</p>\n'
+        '<p>By <code>a_b*c*</code> and <i>one</i> <b>two <code>c</code></b> on x, <a href="https://z.org">z</a>.</p>\n'
         "<ul><li>1 &lt; 2 more</li><li>b</li></ul>"
     )
 

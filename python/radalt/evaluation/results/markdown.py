@@ -86,14 +86,9 @@ def _cell(text: str, label: bool = False) -> str:
 
 
 def _spans(text: str) -> str:
-    """Code unchanged; links, bold and italics elsewhere."""
-    out = []
-    for k, part in enumerate(text.split("`")):
-        if k % 2:
-            out.append(f"<code>{escape(part)}</code>")
-            continue
-        part = escape(part)
-        for pattern, html in _SPANS:
-            part = pattern.sub(html, part)
-        out.append(part)
-    return "".join(out)
+    """Code unchanged; links, bold and italics elsewhere and around code."""
+    parts = [*text.split("`"), ""]  # a mark that is not closed makes code of the rest
+    plain, codes = escape("\0".join(parts[::2])), iter(parts[1::2])
+    for pattern, html in _SPANS:
+        plain = pattern.sub(html, plain)
+    return re.sub("\0", lambda _: f"<code>{escape(next(codes))}</code>", plain)
