@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from hostile import draw_nothing, measure_here
 
 # Before NumPy is first imported: tests run side by side, and BLAS threads would only get in their way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -22,6 +21,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 ROOT = Path(__file__).resolve().parent.parent
 # `radalt` and `gnuradio.radalt` from python/, programs as modules from the other folders.
 sys.path[:0] = [str(ROOT / name) for name in ("python", "flowgraphs", "tools", "training")]
+
+from hostile import draw_nothing, measure_here  # noqa: E402 - found by the line above
 
 
 @pytest.hookimpl(tryfirst=True)
