@@ -478,7 +478,7 @@ def test_page_is_whole_and_asks_for_nothing(whole):
     assert not re.findall(r"""(?:src|href)=["'](?!#)""", text)
     assert not re.findall(r"@import|url\((?!#)", text)
     assert "default-src 'none'" in text
-    assert text.count("<svg") == 3 and "rate_hz: 7500000.0" in text and "radalt 0" in text
+    assert text.count("<svg") == 4 and "rate_hz: 7500000.0" in text and "radalt 0" in text
     for row in read_report(whole)["rows"]:
         assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
 
@@ -502,4 +502,4 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
     assert found.keys() == {"up", "down", "drawn"}, done.stderr
     up, down = ([float(v) for v in found[key].split()] for key in ("up", "down"))
     assert up == sorted(up) and down == sorted(up, reverse=True) and len(up) == 12
-    assert found["drawn"] == "3"
+    assert found["drawn"] == "4"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..core.receiver.altimeter import shared_altimeter
 from ..evaluation.results.page import write_result
 from .views.breaks import break_points
-from .views.cost import draw_pareto, summaries, summary_table, turns_table
+from .views.cost import draw_held, summaries, summary_table, turns_table
 from .views.curves import draw_curves
 from .views.levels import levels
 from .views.null import false_altitudes
@@ -30,7 +30,7 @@ def write_report(
     null = [row for row in tables["rows"] if row["case"] in without]
     summary = summaries(rows, entries, tables["turns"]) if rows else {}
     if any(math.isfinite(found["held_db"]) for found in summary.values()):
-        draw_pareto(summary, folder.path / "error_vs_runtime.png")
+        draw_held(summary, folder.path / "error_vs_runtime.png")
         draw_curves(rows, entries, folder.path / "pd.png")
     else:  # no case has two levels: nothing is held
         summary = {}

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ...evaluation.results.figure import new_figure, save_figure
+from ...evaluation.results.pareto import draw_pareto
 from ...evaluation.results.proportion import clopper_pearson_bound
-from ...evaluation.results.style import series_style
 from ...evaluation.results.table import table
 from ..paired import curves, held
 from ..rows import Row
@@ -88,74 +87,12 @@ def summary_table(summary: Mapping[str, Mapping[str, float]]) -> str:
     return table(head, lines)
 
 
-def pareto(points: Mapping[str, tuple[float, float]]) -> list[str]:
-    """Names on the front of (cost, gain), in the order of cost: no other entry is cheaper and better."""
-    front, best = [], -np.inf
-    for name in sorted(points, key=lambda name: points[name]):
-        if points[name][1] > best:
-            front.append(name)
-            best = points[name][1]
-    return front
-
-
-def draw_pareto(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
+def draw_held(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
     """Decibels held against cost per frame, every entry named, with the front."""
     points = {
         name: (s["ffts"], s["held_db"])
         for name, s in summary.items()
         if np.isfinite(s["held_db"] + s["ffts"])
     }
-    figure = new_figure(7.0, 4.2)
-    axis = figure.subplots()
-    front = pareto(points)
-    if points:
-        axis.plot(
-            *zip(*(points[name] for name in front), strict=True),
-            color="0.7",
-            drawstyle="steps-post",
-            zorder=1,
-        )
-        axis.set_title(f"{front[-1]} holds most; on the line no other is cheaper and better", fontsize=11)
-    for name, point in points.items():
-        style = series_style(name, tuple(points))
-        axis.plot(*point, style["marker"], color=style["color"], ms=7)
-    axis.set_xscale("log")
-    ticks = [
-        t
-        for t in (10, 20, 30, 50, 100, 200, 300, 500, 1000)
-        if not points or t < 3 * max(x for x, _ in points.values())
-    ]
-    axis.set_xticks(ticks, [f"{t:g}" for t in ticks])
-    axis.minorticks_off()
-    axis.set(
-        xlabel="CPU per frame, method and altimeter, one at a time / FFTs of the frame",
-        ylabel="held / dB, mean of cases",
-    )
-    axis.margins(x=0.2, y=0.12)
-    axis.grid(alpha=0.3)
-    _name_points(figure, axis, points)
-    save_figure(figure, path)
-
-
-def _name_points(figure: Any, axis: Any, points: Mapping[str, tuple[float, float]]) -> None:
-    """Names next to their points, each at the first place where it covers no other name and no point."""
-    figure.draw_without_rendering()
-    axis.set_autoscale_on(False)
-    dots = axis.transData.transform(list(points.values())) if points else []
-    taken: list[Any] = []
-    places = [
-        (x, y, side)
-        for y in (5, -13, 17, -25, 29, -37)
-        for x, side in ((-6, "right"), (6, "left"), (0, "center"))
-    ]
-    for name in sorted(points, key=lambda name: points[name]):
-        for x, y, side in places:
-            text = axis.annotate(
-                name, points[name], xytext=(x, y), textcoords="offset points", fontsize=9, ha=side
-            )
-            box = text.get_window_extent()
-            if not (any(box.overlaps(other) for other in taken) or box.count_contains(dots)):
-                break
-            if (x, y, side) != places[-1]:
-                text.remove()
-        taken.append(box)
+    cost = "CPU per frame, method and altimeter, one at a time / FFTs of the frame"
+    draw_pareto(points, path, cost=cost, gain="held / dB, mean of cases", verb="holds most")

@@ -1,0 +1,74 @@
+"""Error against run time: gain against cost, and the front of what no other is cheaper and better than."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .figure import new_figure, save_figure
+from .style import series_style
+
+
+def pareto(points: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Names on the front of (cost, gain), in the order of cost: no other entry is cheaper and better."""
+    front, best = [], -np.inf
+    for name in sorted(points, key=lambda name: points[name]):
+        if points[name][1] > best:
+            front.append(name)
+            best = points[name][1]
+    return front
+
+
+def draw_pareto(
+    points: Mapping[str, tuple[float, float]], path: Path, *, cost: str, gain: str, verb: str
+) -> None:
+    """Gain against cost on a logarithmic axis, every point named, with the front.
+
+    ``points`` are (cost, gain) by name, ``cost`` and ``gain`` the axes' labels; the title says that the best ``verb``.
+    """
+    figure = new_figure(7.0, 4.2)
+    axis = figure.subplots()
+    front = pareto(points)
+    if points:
+        steps = zip(*(points[name] for name in front), strict=True)
+        axis.plot(*steps, color="0.7", drawstyle="steps-post", zorder=1)
+        axis.set_title(f"{front[-1]} {verb}; on the line no other is cheaper and better", fontsize=11)
+    for name, point in points.items():
+        style = series_style(name, tuple(points))
+        axis.plot(*point, style["marker"], color=style["color"], ms=7)
+    axis.set_xscale("log")
+    costs = [x for x, _ in points.values()] or [1.0]
+    decades = 10.0 ** np.arange(np.floor(np.log10(min(costs))), 1 + np.ceil(np.log10(max(costs))))
+    ticks = [t for t in np.outer(decades, (1, 2, 3, 5)).ravel() if min(costs) / 3 < t < 3 * max(costs)]
+    axis.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axis.minorticks_off()
+    axis.set(xlabel=cost, ylabel=gain)
+    axis.margins(x=0.2, y=0.12)
+    axis.grid(alpha=0.3)
+    _name_points(figure, axis, points)
+    save_figure(figure, path)
+
+
+def _name_points(figure: Any, axis: Any, points: Mapping[str, tuple[float, float]]) -> None:
+    """Names next to their points, each at the first place where it covers no other name and no point."""
+    figure.draw_without_rendering()
+    axis.set_autoscale_on(False)
+    dots = axis.transData.transform(list(points.values())) if points else []
+    taken: list[Any] = []
+    places = [
+        (x, y, side)
+        for y in (5, -13, 17, -25, 29, -37)
+        for x, side in ((-6, "right"), (6, "left"), (0, "center"))
+    ]
+    for name in sorted(points, key=lambda name: points[name]):
+        for x, y, side in places:
+            text = axis.annotate(
+                name, points[name], xytext=(x, y), textcoords="offset points", fontsize=9, ha=side
+            )
+            box = text.get_window_extent()
+            if not (any(box.overlaps(other) for other in taken) or box.count_contains(dots)):
+                break
+            if (x, y, side) != places[-1]:
+                text.remove()
+        taken.append(box)
