@@ -258,7 +258,7 @@ def _what_guarding_costs(rows):
         ),
         (
             ("docs/tolerance.md",),
-            r"breaks the three at ([\d.]+), ([\d.]+) and (-[\d.]+) dBm: (\d+), (\d+) and (\d+) dB below",
+            r"breaks our three[^*]*? at ([\d.]+), ([\d.]+) and (-[\d.]+) dBm: (\d+), (\d+) and (\d+) dB below",
             "tolerance",
             _break_points_at_200_ft,
         ),
