@@ -109,11 +109,11 @@ def test_an_optional_package_that_is_missing_is_named_with_the_remedy(monkeypatc
         read(tmp_path)
 
 
-def test_a_live_flowgraph_without_a_display_is_one_line():
+def test_a_live_flowgraph_without_a_display_is_one_line(root):
     """Qt would abort."""
     program = "from gnuradio import qtgui; from radalt.evaluation.flowgraph.window import by_hand"
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")}
-    done = ran_python("-c", program, env=env)
+    done = ran_python("-c", program, env=env | {"PYTHONPATH": str(root / "python")})
     assert done.returncode == 2 and done.stderr.startswith("no display for the window; ")
     assert done.stderr.count("\n") == 1
 
