@@ -260,3 +260,23 @@ def test_flowgraph_parameters_override_only_what_is_set():
 def test_flowgraph_parameter_that_is_no_number_or_out_of_range_is_one_line(value, said):
     with pytest.raises(SceneError, match=said):
         scene_from_parameters("paper_qpsk", **value)
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        ({"interference": {"qpsk": {"sir_db": 28}}}, "qpsk.sir_db is 28; at most 20: did you mean -28?"),
+        (
+            {"landing": {"trajectory": {"angle_of_attack_deg": 90}}},
+            "angle_of_attack_deg is 90; it has to be within -30..30",
+        ),
+        (
+            {"landing": {"trajectory": {"max_speed_m_per_s": -5}}},
+            "max_speed_m_per_s is -5; it has to be within 1..10000",
+        ),
+    ],
+)
+def test_a_number_that_cannot_be_meant_is_one_line(scene, said):
+    with pytest.raises(SceneError) as error:
+        parse_scene(scene)
+    assert said in str(error.value) and "\n" not in str(error.value)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..parsing import check_range
 from ..programme import Programme
 from ..waveform import Waveform
 from .link import RadarLink
@@ -59,6 +60,10 @@ class TrajectorySpec:
     max_vertical_speed_m_per_s: float = 60.0
     start_s: float | None = None
     end_s: float | None = None
+
+    def __post_init__(self) -> None:
+        limits = {"max_speed_m_per_s": (1.0, 1e4), "max_vertical_speed_m_per_s": (0.1, 1e4)}
+        check_range("trajectory", self, angle_of_attack_deg=(-30.0, 30.0), max_gap_s=(1e-3, 1e5), **limits)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ..parsing import InputError, allowed, build, convert, did_you_mean, load_ya
 from ..paths import scene_names, scene_path, share_dir
 from ..text import one_line
 from .scene import Scene
+from .sections import MOST_SIR_DB
 
 _MOST_SIR_DB = 200.0  # largest magnitude of an SIR, dB: the bound of every quantity in decibels
 # keys that name files, with the folder of shipped ones; None: there is none, and it has to be at hand
@@ -129,6 +130,8 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
+    if (sir_db := placement.get("sir_db", 0.0)) > MOST_SIR_DB:
+        raise ValueError(f"{path}.sir_db is {sir_db:g}; at most {MOST_SIR_DB:g}: did you mean {-sir_db:g}?")
     others = (*_PLACEMENT, *EFFECTS)
     own = {k: v for k, v in params.items() if k not in others}
     emitter = impaired(build(emitter_class(kind), own, path, also=others), params, path)

@@ -12,6 +12,9 @@ from ..radio.device import Device, device
 
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
 _MOST_ATTENUATION_DB = 150.0  # largest attenuation of a set-up, dB: beyond it no signal is above the noise
+MOST_SIR_DB = (
+    20.0  # SIR above which no altitude notices the interference: a level that was meant to be negative
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,8 +157,10 @@ class SweepSpec:
             if not 0 <= value <= 1:
                 raise ValueError(f"sweep.overlap holds {value:g}; overlaps have to be within 0..1")
         for value in self.sir_db:
-            if value > 20:  # no effect on any altitude
-                raise ValueError(f"sweep.sir_db holds {value:g}; at most 20: did you mean {-value:g}?")
+            if value > MOST_SIR_DB:
+                raise ValueError(
+                    f"sweep.sir_db holds {value:g}; at most {MOST_SIR_DB:g}: did you mean {-value:g}?"
+                )
 
 
 @dataclass(frozen=True)
