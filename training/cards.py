@@ -213,7 +213,7 @@ def other_sweeps(rows: list[dict[str, Any]]) -> str:
         counts = ((int(mine[name]["declared"]), int(mine[name]["trials"])) for name in names)
         lines.append([what, *(f"{n} of {of} ({clopper_pearson_bound(n, of):.3f})" for n, of in counts)])
     return (
-        "Point returns at SNR 10 dB, held-out seeds, measured with 0.3.0 (today: `radalt bench sweeps`).\n"
+        "Point returns at SNR 10 dB, held-out seeds, measured with 0.3.0 (by command: `radalt bench sweeps`).\n"
         "`docs/sweeps.md` has the break-points at six sweeps, and how often the altitude was wrong and valid.\n"
         "Declared altitudes where there is no return, with their 95 % bound, at 3 MHz in 2 ms:\n\n"
         f"{table(['frames', *names], lines)}"

@@ -208,8 +208,8 @@ def _extended(path: Path) -> dict[str, Any]:
     _check_keys(data, _LIST_KEYS, path.name)
     if "extends" not in data:
         return data
-    beside = path.with_name(f"{data['extends']}.yaml")
-    other = load_yaml(beside if beside.is_file() else find_list(str(data["extends"])), what="list")
+    near = path.with_name(f"{data['extends']}.yaml")
+    other = load_yaml(near if near.is_file() else find_list(str(data["extends"])), what="list")
     _check_keys(other, _LIST_KEYS[:-1], f"{path.name}: extends {data['extends']}")  # it extends none itself
     taken = {key: other[key] for key in ("grid", "overlap") if key in other}
     own = {key: value for key, value in data.items() if key != "extends"}

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from gnuradio import gr
 
-from ..core.interference.stream import JammerStream
 from ..core.scene import Scene
+from ..core.scene.build import jammer_of
 from ..core.scene.reading import interference_from_yaml
 from ._frames import gather_frames
 from ._guard import WORK_DONE, guarded
@@ -54,14 +54,7 @@ class jammer_source(gr.sync_block):
         if interference is not None:
             interferers = interference_from_yaml(dict(interference), "interference")
             scene = replace(scene, interference=interferers, total_sir_db=None)
-        self.stream = JammerStream(
-            scene.waveform,
-            scene.interference,
-            programme=scene.altitude.programme,
-            seed=scene.seed,
-            free_running=any(i.free_running for i in scene.interference),
-            total_sir_db=scene.total_sir_db,
-        )
+        self.stream = jammer_of(scene)
         self._n = scene.waveform.samples_per_frame
         for interferer in scene.interference:
             # fill the emitters' caches (a second of 5G NR, a recording) before the stream starts

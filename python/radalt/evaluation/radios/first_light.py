@@ -241,8 +241,8 @@ def _radar(bench: Bench) -> Iterator[Check]:
     scene = bench.programme(300.0)
     flight = bench.fly(scene, capture="radar")
     known = bool(np.isfinite(flight.latency))
-    heard = flight.frames(2, scene.altitude.preamble_frames + bench.frames) if known else flight.samples
-    level = mean_power(heard)
+    signal = flight.frames(2, scene.altitude.preamble_frames + bench.frames) if known else flight.samples
+    level = mean_power(signal)
     yield from _counters(flight)
     # enough for timing to a hundredth of a sample
     cause = (
