@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
+from ..core.altimeter.altimeter import AltimeterSettings
 from ..core.mitigation import METHODS, Mitigation, create, name_method
 from ..core.parsing import InputError, build, shown
 from ..core.paths import model_path
-from ..core.receiver.altimeter import AltimeterSettings
 from ..core.scene import Scene
 from ..core.waveform import Waveform
 from ..evaluation.simulation import MethodPath

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.receiver.frame_quality import FrameQuality
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
 from ..evaluation.simulation import segmented

@@ -1,14 +1,14 @@
 """A textbook altimeter: the peak of the sum of both half sweeps' power spectra over speed hypotheses.
 
-Whole-signal NumPy that shares no code with `core.receiver`: dechirping at the full rate, zero-padded FFT, largest sum,
+Whole-signal NumPy that shares no code with `core.altimeter`: dechirping at the full rate, zero-padded FFT, largest sum,
 parabolic interpolation. A forced decision is the largest sum; a cell-averaging CFAR declares it by its ratio to the
 mean of the band.
 """
 
 import numpy as np
 
-from ..core.receiver.altimeter import AltimeterSettings
-from ..core.receiver.altimeter_settings import RESULT_DTYPE, Reason
+from ..core.altimeter.altimeter import AltimeterSettings
+from ..core.altimeter.altimeter_settings import RESULT_DTYPE, Reason
 from ..core.waveform import Waveform
 
 # Peak over mean of the band at which it has as many false alarms in white noise as our altimeter by design, by allowed

@@ -3,9 +3,9 @@
 import numpy as np
 import pmt
 
+from ..core.altimeter.frame_quality import QUALITY_DTYPE
 from ..core.programme import SentAltitudes
-from ..core.receiver.frame_quality import QUALITY_DTYPE
-from ..core.receiver.segmenter import Frame
+from ..core.timing.segmenter import Frame
 
 FRAME_KEY = pmt.intern("radalt_frame")
 RX_TIME_KEY = pmt.intern("rx_time")

@@ -6,9 +6,9 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.altimeter.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.radio.control import MAX_REQUEST_BYTES
 from ..core.radio.endpoint import check_endpoint
-from ..core.receiver.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.scene import Scene
 from ._frames import quality_of, read_frame_tags
 from ._guard import guarded

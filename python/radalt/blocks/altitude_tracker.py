@@ -3,9 +3,9 @@
 import numpy as np
 import pmt
 
-from ..core.receiver.altimeter import Spectra
-from ..core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, State, Status
+from ..core.altimeter.altimeter import Spectra
 from ..core.scene import Scene
+from ..core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, State, Status
 from ._guard import guarded
 from ._results import Ring
 from .altimeter_sink import altimeter_sink

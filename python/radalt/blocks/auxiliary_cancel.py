@@ -4,7 +4,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..core.receiver.frame_quality import FrameQuality
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.scene import Scene
 from ..core.scene.build import canceller_of
 from ._frames import FRAME_KEY, frame_ring, read_frame_tags

@@ -8,16 +8,16 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
-from ..core.receiver.auxiliary_samples import AuxiliarySamples
-from ..core.receiver.frame_quality import FrameQuality
-from ..core.receiver.leakage import ground_is_apart
-from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
-from ..core.receiver.tracker_settings import Status
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
+from ..core.timing.auxiliary_samples import AuxiliarySamples
+from ..core.timing.leakage import ground_is_apart
+from ..core.timing.segmenter import ACQUIRING, LOCKED, LOST, Frame
+from ..core.tracker.tracker_settings import Status
 from ..core.waveform import altitude_to_delay_s
 from ._frames import (
     FRAME_KEY,

@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from scipy.constants import Boltzmann, foot
 
+from ..altimeter.altimeter import Altimeter, AltimeterSettings
 from ..parsing import InputError, load_yaml
 from ..parsing.mappings import build
 from ..paths import share_dir
-from ..receiver.altimeter import Altimeter, AltimeterSettings
-from ..receiver.summed_detector import CounterDetector, SummedDetector
-from ..receiver.tracker import AltitudeTracker
-from ..receiver.tracker_settings import TrackerSettings
 from ..returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
 from ..returns.terrain.antenna import GaussianAntenna
 from ..returns.terrain.ground import Reflectivity, reflectivity
+from ..tracker.summed_detector import CounterDetector, SummedDetector
+from ..tracker.tracker import AltitudeTracker
+from ..tracker.tracker_settings import TrackerSettings
 from ..waveform import SHAPES
 from .front_end import Amplifier, Converter
 from .if_waveform import IfWaveform

@@ -7,7 +7,7 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from ..receiver.frame_quality import levels, rail_peak
+from ..altimeter.frame_quality import levels, rail_peak
 from ..usual_errors import usual_errors
 from ..waveform import Waveform
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import fft
 
-from ..receiver.altimeter_settings import AltimeterSettings
+from ..altimeter.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 from .if_band import IfBand

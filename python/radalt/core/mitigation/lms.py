@@ -7,7 +7,7 @@ repaired; `Nlms` is the repaired method.
 
 import numpy as np
 
-from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
+from ..altimeter.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError, PlotStyle
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..receiver.altimeter_settings import AltimeterSettings
+from ..altimeter.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.arrays import power

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..altimeter.frame_quality import QUALITY_DTYPE
 from ..cores import leave_home, return_home
-from ..receiver.frame_quality import QUALITY_DTYPE
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 

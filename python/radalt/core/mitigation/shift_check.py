@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..receiver.altimeter import Altimeter, AltimeterSettings, Reason, shared_altimeter
-from ..receiver.altimeter_settings import FASTEST_M_PER_S
-from ..receiver.frame_quality import levels
+from ..altimeter.altimeter import Altimeter, AltimeterSettings, Reason, shared_altimeter
+from ..altimeter.altimeter_settings import FASTEST_M_PER_S
+from ..altimeter.frame_quality import levels
 from ..waveform import Waveform, exp_cycles
 from .base import peak_scale
 from .interference_detector import InterferenceDetector

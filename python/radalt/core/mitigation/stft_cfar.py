@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import ndimage
 
-from ..receiver.altimeter_settings import AltimeterSettings
+from ..altimeter.altimeter_settings import AltimeterSettings
 from ..stft import Stft
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak

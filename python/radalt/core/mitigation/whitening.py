@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import fft, ndimage
 
-from ..receiver.frame_quality import levels
+from ..altimeter.frame_quality import levels
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, unit_peak
 

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
+from ..altimeter.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..channel.settings import DropSettings
-from ..receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..waveform import Waveform
 from .scene import Scene
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Reason
 from ...core.radio.recording import Capture, RecordingError, open_capture
-from ...core.receiver.altimeter import Reason
 from ...core.scene import Scene
 from ..overlap.points import changed, sweep_points
 from ..overlap.rows import COLUMNS

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.receiver.tracker_settings import Status
+from ...core.tracker.tracker_settings import Status
 from .proportion import clopper_pearson_bound
 from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
 

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
-from ...core.receiver.frame_quality import FrameQuality
-from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
+from ...core.altimeter.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
+from ...core.altimeter.frame_quality import FrameQuality
+from ...core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain, method_of

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import AltimeterSettings
 from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
-from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Spectra
 from ...core.mitigation import OwnProcess
 from ...core.mitigation.onnx_network import OnnxNetwork
 from ...core.mitigation.tcae import default_model_path
-from ...core.receiver.altimeter import Spectra
 from ...core.scene import Scene
 from ...evaluation.flowgraph.generate import Prepared
 from ...evaluation.flowgraph.run import make_top

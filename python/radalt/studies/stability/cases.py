@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from ...core.altimeter.altimeter import AltimeterSettings
 from ...core.deramp.front_end import Amplifier
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
-from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
 from ...core.mitigation import METHODS, create
 from ...core.programme import Programme
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
-from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.point import point_return
 from ...core.scene import Scene
+from ...core.timing.segmenter import FrameSegmenter
 from ...core.waveform import Waveform
 from ...evaluation.engine.apart import call_apart
 from ...evaluation.engine.pool import WorkerError

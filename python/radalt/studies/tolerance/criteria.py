@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.constants import foot
 
-from ...core.receiver.tracker_settings import Status
+from ...core.tracker.tracker_settings import Status
 
 # Mean error above 0.5 %, fewer than 98 % within 2 %, any output without computed data: commonly quoted from RTCA
 # 274-20/PMC-2073, not read there.

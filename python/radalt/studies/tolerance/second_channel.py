@@ -10,7 +10,7 @@ from scipy import fft, ndimage
 
 from ...core.deramp.front_end import Amplifier
 from ...core.deramp.if_waveform import IfWaveform
-from ...core.receiver.summed_detector import SummedDetector
+from ...core.tracker.summed_detector import SummedDetector
 
 DELAY_S = 3e-9  # path difference of 0.9 m between the antennas (assumed)
 GAIN_DB, RETURN_DB = (

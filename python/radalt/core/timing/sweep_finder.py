@@ -6,9 +6,9 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas
 
+from ..altimeter.altimeter import AltimeterSettings, shared_altimeter
 from ..returns.point import point_return
 from ..waveform import Waveform, altitude_to_delay_s
-from .altimeter import AltimeterSettings, shared_altimeter
 from .segmenter_settings import SegmenterSettings
 
 _FRACTION = 0.25  # least fractional delay that is reported, samples: 5 m at the default rate

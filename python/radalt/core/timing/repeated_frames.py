@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .beat_spectra import BeatSpectra, Spectra
+from ..altimeter.beat_spectra import BeatSpectra, Spectra
 
 # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
 _MEMORY_S = 1.0

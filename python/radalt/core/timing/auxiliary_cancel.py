@@ -9,9 +9,9 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas
 
+from ..altimeter.altimeter_settings import FASTEST_M_PER_S
 from ..parsing import check_range
 from ..waveform import Waveform
-from .altimeter_settings import FASTEST_M_PER_S
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
