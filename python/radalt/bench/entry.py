@@ -29,15 +29,8 @@ _Pairs = tuple[tuple[str, Any], ...]
 class Entry:
     """A method under the name that rows have for it.
 
-    Attributes
-    ----------
-    name, method : str
-    options : pairs
-        Of the method.
-    altimeter : pairs
-        Settings of the altimeter that differ from the case's.
-    detector : str
-        ``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty.
+    ``options``: of the method; ``altimeter``: settings of the altimeter that differ from the case's; ``detector``:
+    ``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty.
     """
 
     name: str

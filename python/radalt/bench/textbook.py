@@ -31,18 +31,9 @@ def textbook_altitudes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Altitude of each frame, and the peak of the sum over the mean of the band.
 
-    Parameters
-    ----------
-    frames : (n, N) complex
-        One sweep each, up from ``-bandwidth_hz / 2`` and down, aligned with the reference.
-    bandwidth_hz, rate_hz, carrier_hz : float
-    speed_m_per_s : float
-        Largest vertical speed among the hypotheses, up and down.
-    max_altitude_m : float
-
-    Returns
-    -------
-    altitude_m, ratio : (n,) float arrays
+    ``frames`` (n, N) complex: one sweep each, up from ``-bandwidth_hz / 2`` and down, aligned with the reference;
+    ``speed_m_per_s``: largest vertical speed among the hypotheses, up and down. Returns ``altitude_m``, ``ratio``
+    (n,) float.
     """
     samples = frames.shape[1] // 2
     t = np.arange(samples) / rate_hz
@@ -83,10 +74,7 @@ def textbook_results(
 ) -> np.ndarray:
     """(n,) of `RESULT_DTYPE`: altitudes of frames whose timing is off by (n,) seconds, and whether they are declared.
 
-    Raises
-    ------
-    ValueError
-        For an allowed speed whose threshold is not known.
+    Raises `ValueError` for an allowed speed whose threshold is not known.
     """
     speed = settings.max_vertical_speed_m_per_s
     if speed not in THRESHOLD:

@@ -56,7 +56,6 @@ class altimeter_sink(gr.sync_block):
     ------
     ValueError
         If the endpoint is not a ZMQ address, is not on this machine, or is in use; the message is one line.
-
     Example
     -------
     ``alt = radalt.altimeter_sink(scene, method="whitening", endpoint="tcp://127.0.0.1:5556")``

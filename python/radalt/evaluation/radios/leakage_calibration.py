@@ -21,8 +21,8 @@ _SETTLE_FRAMES, _KNOWN_FRAMES = 8, 60
 def calibrate_leakage(scene: Scene, frames: int = 400) -> LeakageCalibration:
     """Measure the leakage without a return over ``frames``, then the installation delay at a known altitude.
 
-    The scene has ``channel.leakage_db``; its noise and seed are used, its interference and lost samples are not. Raises
-    SceneError if it has no leakage, or its sweep is not found.
+    The scene has ``channel.leakage_db``; its noise and seed are used, its interference and lost samples are not.
+    Raises SceneError if it has no leakage, or its sweep is not found.
     """
     if scene.channel.leakage_db is None:
         raise SceneError("calibrate_leakage: the scene plays no leakage; set channel.leakage_db")

@@ -37,10 +37,7 @@ def step_limit(spread: float) -> dict[str, Any]:
     ``lambda_max`` is the largest eigenvalue of the block's mean Gram matrix: ``block`` times that of the covariance
     (S. Haykin, Adaptive Filter Theory, 4th ed., sec. 7.4).
 
-    Parameters
-    ----------
-    spread : float
-        Spread of the input's spectrum, as in `coloured_noise`.
+    ``spread``: spread of the input's spectrum, as in `coloured_noise`.
     """
     waveform, length, block = Waveform(), 32, 100
     rng = np.random.default_rng(int(np.log10(spread)))

@@ -27,16 +27,7 @@ CRITERIA = {
 
 
 def judged(status: np.ndarray, altitude_m: np.ndarray, truth_m: float, output_s: float) -> dict[str, bool]:
-    """Which criteria have failed.
-
-    Parameters
-    ----------
-    status, altitude_m : (n,) arrays
-        Outputs.
-    truth_m : float
-    output_s : float
-        Time between outputs.
-    """
+    """Which criteria have failed. ``status``, ``altitude_m`` (n,): outputs; ``output_s``: time between outputs."""
     normal = status == Status.NORMAL
     error = np.where(normal, altitude_m - truth_m, np.nan)
     within = normal & (np.abs(error) <= _WITHIN_SHARE * truth_m)

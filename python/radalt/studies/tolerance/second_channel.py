@@ -44,12 +44,7 @@ def unlike_share(amplifier: Amplifier, power_dbm: float) -> float:
 class Canceller:
     """Takes out of the first channel what the second has in common with it.
 
-    Parameters
-    ----------
-    waveform : IfWaveform
-    sweeps : int
-        Frames over which the return's beat is found.
-    max_altitude_m : float
+    ``sweeps``: frames over which the return's beat is found.
     """
 
     def __init__(self, waveform: IfWaveform, sweeps: int, max_altitude_m: float) -> None:
