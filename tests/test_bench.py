@@ -137,6 +137,13 @@ def test_stored_rows_can_be_measured_again():
         assert row["rmse_forced_m"] == pytest.approx(old["rmse_forced_m"], rel=0.1)
 
 
+@pytest.mark.parametrize("level_db", [-10.0, -45.0])
+def test_a_slow_sweep_at_twice_the_rate_of_its_bandwidth_loses_no_frame(level_db):
+    """Where 10 m/s move the beat by three samples of delay, and a sweep's peak is two samples wide."""
+    case = load_list("sweeps", frames=12, only=["1M_tones"], salt="test").cases[1]
+    assert frames_of(case, level_db).lost == 0
+
+
 def frames_at(tmp_path, level_db, **keys):
     """Frames of one case of a list written here."""
     path = tmp_path / "own.yaml"
