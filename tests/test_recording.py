@@ -300,6 +300,7 @@ def test_what_other_programs_write_is_read(tmp_path, how, mark):
             "annotations: 0: core:sample_start: 'a' is not of type",
         ),
         ("captures", [{"core:sample_start": -1}], "captures: 0: core:sample_start: -1 is less than"),
+        ("global", {"core:trailing_bytes": 3}, "core:datatype has 8 bytes a sample, and 5 are left over"),
     ],
 )
 def test_metadata_that_are_wrong_are_refused_by_key(tmp_path, part, entry, line):

@@ -90,6 +90,8 @@ class AltimeterSettings:
     strategy: str = "strongest"
 
     def __post_init__(self) -> None:
+        altitudes = dict.fromkeys(("min_altitude_m", "max_altitude_m"), (-LARGEST, LARGEST))
+        check_range("altimeter", self, **altitudes)
         if self.max_altitude_m is not None and not self.max_altitude_m > self.min_altitude_m:
             raise ValueError(
                 f"altimeter.max_altitude_m {self.max_altitude_m:g} has to be above min_altitude_m "

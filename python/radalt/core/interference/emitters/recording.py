@@ -19,6 +19,9 @@ from . import NamedEmitter, register
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
+_LEAST_HZ = (
+    100.0  # least frequency shift but 0, Hz: megahertz written as hertz, within a bin or two of ``seconds``
+)
 _RATES_HZ = (1e3, 1e9)  # sample rates that are read, Hz
 _REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
 # Smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB).
@@ -71,7 +74,7 @@ class RecordingEmitter(NamedEmitter):
         if not self.file:
             raise ValueError("recording.file is missing; name a .sigmf-meta file, or raw samples")
         check_range("recording", self, start_s=(0.0, LARGEST), seconds=(1e-4, _MOST_S), rate_hz=_RATES_HZ)
-        check_range("recording", self, offset_hz=(-LARGEST, LARGEST))
+        check_range("recording", self, offset_hz=(-LARGEST, LARGEST, _LEAST_HZ))
 
     @property
     def label(self) -> str:
