@@ -51,7 +51,7 @@ methods: [none, whitening, tcae]
 sweep: {overlap: [0.0, 0.5, 1.0]}
 ```
 
-    .venv/bin/python flowgraphs/ota_eval.py --sim --plan --scene my_case.yaml
+    .venv/bin/radalt eval --sim --plan --scene my_case.yaml
 
 prints what a run would build. A key, type or range that does not fit gets one line. YAML reads `1e6` as text, so write
 `1.0e+6`. *Range* is what the reader accepts; where it is empty, any number. Some keys limit each other; the

@@ -54,10 +54,10 @@ RESULT_DTYPE = np.dtype(
 class AltimeterSettings(Settings, where="altimeter"):
     """How the altimeter searches for a return."""
 
-    max_altitude_m: float | None = None
+    max_altitude_m: float | None = setting(None, -LARGEST, LARGEST)
     """Upper end of the search span; beat band, decimation and FFT size follow from the span. None takes what a scene
     flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower."""
-    min_altitude_m: float = 0.0
+    min_altitude_m: float = setting(0.0, -LARGEST, LARGEST)
     """Lower end of the search span."""
     max_vertical_speed_m_per_s: float | None = setting(None, 0.0, LARGEST)
     """Largest range rate: how far the two sweeps' beats may differ and still be one target. None takes what a scene

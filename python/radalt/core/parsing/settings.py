@@ -10,11 +10,8 @@ from typing import Any, ClassVar
 from .messages import check_range
 
 
-def setting(
-    default: Any, low: float | None = None, high: float | None = None, *, among: Collection = ()
-) -> Any:
-    """A dataclass field within ``low..high``, both allowed, or one of the words ``among``; None as a value passes."""
-    limits = None if low is None else (low, high)
+def setting(default: Any, *limits: float, among: Collection = ()) -> Any:
+    """A dataclass field within limits as of `check_range`, or one of the words ``among``; None as a value passes."""
     return dataclasses.field(default=default, metadata={"limits": limits, "among": tuple(among)})
 
 

@@ -12,6 +12,7 @@ from ..radio.device import Device, device
 
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
 _MOST_ATTENUATION_DB = 150.0  # largest attenuation of a set-up, dB: beyond it no signal is above the noise
+_LEAST_LO_OFFSET_HZ = 1e4  # least LO offset but 0, Hz: megahertz or kilohertz written as hertz
 MOST_SIR_DB = (
     20.0  # SIR above which no altitude notices the interference: a level that was meant to be negative
 )
@@ -178,7 +179,7 @@ class RadioSpec(Settings, where="radio"):
             attenuation_db=(0.0, _MOST_ATTENUATION_DB),
             auxiliary_attenuation_db=(0.0, _MOST_ATTENUATION_DB),
             master_clock_hz=limits.master_clock_hz,
-            lo_offset_hz=(-most_offset_hz, most_offset_hz),
+            lo_offset_hz=(-most_offset_hz, most_offset_hz, _LEAST_LO_OFFSET_HZ),
         )
         for name in ("radar_serial", "jammer_serial"):
             if not _SERIAL.fullmatch(getattr(self, name)):

@@ -19,6 +19,9 @@ from . import NamedEmitter, register
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
+_LEAST_HZ = (
+    100.0  # least frequency shift but 0, Hz: megahertz written as hertz, within a bin or two of ``seconds``
+)
 _RATES_HZ = (1e3, 1e9)  # sample rates that are read, Hz
 _REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
 # Smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB).
@@ -48,7 +51,7 @@ class RecordingEmitter(NamedEmitter):
     file: str = ""
     """A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
     ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``."""
-    offset_hz: float = setting(0.0, -LARGEST, LARGEST)
+    offset_hz: float = setting(0.0, -LARGEST, LARGEST, _LEAST_HZ)
     """Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
     over ``seconds``."""
     start_s: float = setting(0.0, 0.0, LARGEST)
