@@ -73,7 +73,7 @@ def write_page(folder: RunFolder, text: str, run: Mapping[str, Any], *, more: st
         content=to_html(f"{text}\n{more}", lambda file: _inline(folder.path / file)),
         settings=_settings(folder.head),
         created=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        run={"command": "", **run},
+        run={"command": "", "by": "", **run},
         **{name: folder.head[name] for name in ("versions", "schema")},
     )
     folder.write_text("report.html", html)
