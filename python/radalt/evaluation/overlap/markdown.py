@@ -12,16 +12,13 @@ from ..results.proportion import paired_difference
 from ..results.rows import unbits
 from ..results.score import pool
 from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
-from .altitudes import groups
 from .panels import Row, common, panels, series_of, spread, with_interference
 
 _TRACKED = ("wrong_5m", "misleading", "hazardous")
 NOT_MEASURED = "not measured"
 
 
-def report_markdown(
-    report: dict[str, Any], figures: Sequence[tuple[str, str]], altitudes: Sequence[Row] = ()
-) -> str:
+def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
     """report.md from the content of report.json; ``figures`` are (file, caption)."""
     rows = report["rows"]
     tables = {
@@ -32,7 +29,6 @@ def report_markdown(
         "method_table": _methods(report),
         "break_points": _break_points(report),
         "tracked_table": tracked_table(report["tracked"]),
-        "altitude_tables": _altitude_tables(altitudes),
     }
     # the segmenter's counters are equal for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
@@ -132,37 +128,6 @@ def against(rows: Sequence[Row], best: str) -> str:
     return table(["A", "B", "frames of both", "Pd of A less that of B"], lines)
 
 
-def every_row(rows: Sequence[Row]) -> str:
-    """A heading and a table of all rows."""
-    header = [
-        "method",
-        "interference",
-        "overlap",
-        "SIR / dB",
-        "SNR / dB",
-        "trials",
-        "Pd (95 % interval)",
-        "wrong",
-    ]
-    header += ["its bound", "RMSE detected / m", "RMSE forced / m", "bias / m", "peak to sidelobe / dB"]
-    lines = [
-        [
-            *(r["method"], r["interference"]),
-            *(number(r[name], 2) for name in ("overlap", "sir_db", "snr_db")),
-            r["trials"],
-            _pd(r),
-            r["detections"] - r["correct"],
-            number(r["wrong_bound"], 4),
-            *(metres(r[name]) for name in ("rmse_detected_m", "rmse_forced_m", "bias_m")),
-            number(r["peak_to_sidelobe_db"], 1),
-            number(r.get("ms_per_frame_median"), 3),
-        ]
-        for r in rows
-    ]
-    rows_table = table([*header, "ms per frame"], lines)
-    return f"## Every row\n\nThe same rows, with more columns, are in rows.csv.\n\n{rows_table}\n"
-
-
 def _pd(row: Row) -> str:
     return interval(row["pd"], row["pd_low"], row["pd_high"])
 
@@ -189,24 +154,6 @@ def _by_panel(rows: Sequence[Row], cell: Callable[[Row], str]) -> str:
             cells = (cell(at[name]) if name in at else NOT_MEASURED for name in series)
             lines.append([f"{overlap:g}", spread(at.values()), *cells])
         out += [f"### {title}", table(["overlap", "trials", *series], lines)]
-    return "\n\n".join(out)
-
-
-def _altitude_tables(rows: Sequence[Row]) -> str:
-    """A heading and a table of Pd by altitude for each panel, over all overlaps above 0."""
-    out = []
-    for title, mine in panels(with_interference(rows)):
-        methods = list(series_of(mine))
-        known = groups(mine, "altitude_low_m", "altitude_high_m", "method")
-        lines = []
-        for low, high in sorted({key[:2] for key in known}):
-            of = [known[low, high, method] for method in methods]
-            name = f"{low:g}" if low == high else f"{low:g}{DASH}{high:g}"
-            lines.append([name, spread(of), *map(_pd, of), *(number(r["pd_3pct"], 3) for r in of)])
-        out += [
-            f"### {title}",
-            table(["altitude / m", "trials", *methods, *(f"{m}, 5 m or 3 %" for m in methods)], lines),
-        ]
     return "\n\n".join(out)
 
 

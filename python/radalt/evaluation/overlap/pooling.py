@@ -19,7 +19,7 @@ from ..results.page import render, write_page
 from ..results.score import pool
 from ..results.table import table
 from .figures import draw_cost, draw_pd
-from .markdown import against, by_pd, every_row, glance, pd_tables, verdict
+from .markdown import against, by_pd, glance, pd_tables, verdict
 from .panels import Row, common, series_of, swept_axes, with_interference
 from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
@@ -235,7 +235,7 @@ def _write(
         "run_table": _run_table(report["runs"]),
     }
     text = render(Path(__file__).with_name("collected.md.j2"), **report, **tables)
-    page = write_page(folder, text, {}, more=every_row(rows))
+    page = write_page(folder, text, {})
     folder.write_report(report)
     return page
 

@@ -17,7 +17,7 @@ from ..results.folder import RunFolder
 from ..results.page import write_page
 from .altitudes import with_intervals
 from .figures import draw_cost, draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
-from .markdown import every_row, report_markdown
+from .markdown import report_markdown
 from .panels import Row, swept_axes, with_interference
 
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
@@ -41,8 +41,7 @@ def write_report(
     figures[1:1] = draw_cost(report["rows"], folder.path)
     figures += _draw_altitudes(report["title"], altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
-    text = report_markdown(report, figures, altitudes)
-    page = write_page(folder, text, report["run"], more=every_row(report["rows"]))
+    page = write_page(folder, report_markdown(report, figures), report["run"])
     folder.write_report(report)
     return page
 
