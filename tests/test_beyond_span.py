@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt.core.altimeter.beyond_span import BeyondSpan
+from radalt.core.altimeter.frame_quality import FrameQuality
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import Mitigation, create
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
-from radalt.core.receiver.beyond_span import BeyondSpan
-from radalt.core.receiver.frame_quality import FrameQuality
-from radalt.core.receiver.tracker import AltitudeTracker, Status
 from radalt.core.returns.point import point_return
 from radalt.core.scene import parse_scene
+from radalt.core.tracker.tracker import AltitudeTracker, Status
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import prepare
 from radalt.evaluation.flowgraph.run import run_point

@@ -114,14 +114,14 @@ def simulate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Received frames of a scene, aligned with the sweep, and the altitudes that they were made for.
 
-    Sources, interference and channel are those of the flowgraphs. Timing is known: samples are neither lost nor late by
-    a fraction, so `Altimeter.process` needs no timing offset. `evaluate` has the segmenter as well.
+    Sources, interference and channel are those of the flowgraphs. Timing is known: samples are neither lost nor late
+    by a fraction, so `Altimeter.process` needs no timing offset. `evaluate` has the segmenter as well.
 
     Parameters
     ----------
     scene : str, Path, dict or Scene
-        One of `radalt.scenes`, a YAML file, its content, or `load_scene`'s result: in a loop the latter, since reading
-        a file takes longer than making a frame.
+        One of `radalt.scenes`, a YAML file, its content, or `load_scene`'s result: in a loop the latter, since
+        reading a file takes longer than making a frame.
     sir_db, overlap, snr_db : float, optional
         Signal to all interference over the whole frame, active fraction of the frame (0..1), signal to noise; default
         the scene's.

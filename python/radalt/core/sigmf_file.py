@@ -49,19 +49,8 @@ class _Data:
 class SigmfFile:
     """An opened file; see `open_sigmf`.
 
-    Attributes
-    ----------
-    path : Path
-        Path of the metadata, or of the archive.
-    head : dict
-        The metadata's object ``global``.
-    captures : list of dict
-    datatype : str
-    rate_hz : float
-    sample_count : int
-        Number of samples, headers excluded.
-    notes : list of str
-        What the metadata promise and the data lack, one line each.
+    ``path``: Path of the metadata, or of the archive; ``head``: the metadata's object ``global``; ``sample_count``:
+    number of samples, headers excluded; ``notes``: what the metadata promise and the data lack, one line each.
     """
 
     def __init__(self, path: Path, content: dict[str, Any], data: _Data, sample_count: int) -> None:
@@ -94,15 +83,8 @@ class SigmfFile:
 def open_sigmf(path: Path | str) -> SigmfFile:
     """Open a SigMF file and check it against its metadata (checksum, sizes, schema).
 
-    Parameters
-    ----------
-    path : path
-        ``.sigmf-meta``, ``.sigmf-data``, or an archive ``.sigmf``, ``.sigmf.gz``, ``.sigmf.xz``, ``.sigmf.zip``.
-
-    Raises
-    ------
-    InputError
-        One line: what is missing, truncated or does not match.
+    ``path``: ``.sigmf-meta``, ``.sigmf-data``, or an archive ``.sigmf``, ``.sigmf.gz``, ``.sigmf.xz``,
+    ``.sigmf.zip``. Raises `InputError`: what is missing, truncated or does not match.
     """
     sigmf, path = extra("sigmf"), Path(path)
     archive = path.name.endswith(_ARCHIVES) and path.is_file()

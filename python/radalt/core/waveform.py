@@ -41,8 +41,8 @@ def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarr
 def sum_of_waves(weights: np.ndarray, step_cycles: np.ndarray, count: int) -> np.ndarray:
     """sum_w weights_w exp(j 2 pi step_w n), n = 0..count-1: (..., waves) twice gives (..., count).
 
-    With n = a * block + b each exponential is a product of two, so the sum is a small matrix product:
-    some 2 sqrt(count) exponentials per wave instead of count.
+    With n = a * block + b each exponential is a product of two, so the sum is a small matrix product: some 2
+    sqrt(count) exponentials per wave instead of count.
     """
     block = int(np.ceil(np.sqrt(count)))
     blocks = -(-count // block)
@@ -175,8 +175,8 @@ class Waveform:
     def max_unambiguous_altitude_m(self) -> float:
         """Altitude whose delay is half a half-sweep: beyond it the two sweeps no longer share half their time.
 
-        The beat then also passes a quarter of the sweep bandwidth's Nyquist zone; the chain declares such
-        altitudes out of range rather than folding them.
+        The beat then also passes a quarter of the sweep bandwidth's Nyquist zone; the chain declares such altitudes
+        out of range rather than folding them.
         """
         return float(delay_to_altitude_m(0.5 * self.half_sweep_s))
 
@@ -209,8 +209,8 @@ class Waveform:
     def phase_cycles(self, time_s: np.ndarray, frame_index: np.ndarray | int = 0) -> np.ndarray:
         """Phase in cycles at ``time_s`` after the start of sweep ``frame_index``; any shape, any sign of time.
 
-        The frequency is integrated from sweep to sweep, so the phase is continuous for every ``B T_h``
-        (pasting the per-sweep formulae is right only where ``B T_h`` is whole).
+        The frequency is integrated from sweep to sweep, so the phase is continuous for every ``B T_h`` (pasting the
+        per-sweep formulae is right only where ``B T_h`` is whole).
         """
         time_s = np.asarray(time_s, dtype=float)
         sweep = np.floor(time_s / self.sweep_s)
@@ -259,9 +259,9 @@ class Waveform:
     def beat_shifted(self, altitude_m: float) -> np.ndarray:
         """(N,) complex64 sweep whose beat is moved to ``altitude_m`` (synthetic altitude).
 
-        Up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``; the shift's phase returns to zero at
-        the frame's end, so altitudes may change from sweep to sweep without a phase step. The carrier phase
-        ``-2 pi f_c tau`` of a true return is included. Raises ValueError for a sawtooth, which has no such return.
+        Up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``; the shift's phase returns to zero at the
+        frame's end, so altitudes may change from sweep to sweep without a phase step. The carrier phase ``-2 pi f_c
+        tau`` of a true return is included. Raises ValueError for a sawtooth, which has no such return.
         """
         if not self.separates_doppler:
             raise ValueError(f"waveform.shape is {self.shape!r}; a beat shift needs a triangle")

@@ -96,15 +96,8 @@ class AuxiliarySettings:
 class AuxiliaryReceiver:
     """What the second channel receives, frame by frame, and the front ends of both.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : AuxiliarySettings
-    interference : tuple of float
-        Mean power from each direction in the first channel while it lasts, over the return's.
-    noise : float
-        Noise power of the first channel over the return's.
-    seed : int
+    ``interference``: mean power from each direction in the first channel while it lasts, over the return's;
+    ``noise``: noise power of the first channel over the return's.
     """
 
     def __init__(

@@ -333,10 +333,7 @@ def _delays(channel: FadingChannel, rate_hz: float, size: int) -> np.ndarray:
 def impaired(emitter: Emitter, data: dict[str, Any], where: str) -> Emitter:
     """The emitter with the impairments named in an interferer's mapping; unchanged without any.
 
-    Raises
-    ------
-    ValueError
-        One line with key, value and what is allowed.
+    Raises `ValueError`: one line with key, value and what is allowed.
     """
     named = {key: data[key] for key in KEYS if data.get(key) is not None}
     return ImpairedEmitter(emitter=emitter, effects=build(Impairments, named, where)) if named else emitter

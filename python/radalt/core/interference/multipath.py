@@ -21,9 +21,8 @@ _WAVES = 32  # plane waves per tap: with Gaussian weights, the tap is exactly Ga
 class Profile:
     """A tapped delay line.
 
-    `delays` are in seconds, or in units of the delay spread if `normalised`; `powers_db` are relative mean
-    powers of the same length. `los_db`, if given, is the power of a non-fading line of sight at delay 0 on the
-    same scale.
+    `delays` are in seconds, or in units of the delay spread if `normalised`; `powers_db` are relative mean powers of
+    the same length. `los_db`, if given, is the power of a non-fading line of sight at delay 0 on the same scale.
     """
 
     delays: tuple[float, ...]
@@ -95,9 +94,9 @@ def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 class FadingChannel:
     """Random multipath channel; `draw` gives one of its draws, which is defined at any time.
 
-    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant
-    line of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the
-    autocorrelation J0(2 pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
+    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant line
+    of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the autocorrelation
+    J0(2 pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
 
     Parameters
     ----------
@@ -110,7 +109,6 @@ class FadingChannel:
     ------
     ValueError
         If the profile is unknown or a value is out of range.
-
     Example
     -------
     >>> channel = FadingChannel(profile="TDL-C", delay_spread_s=300e-9, doppler_hz=900.0)

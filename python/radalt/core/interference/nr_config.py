@@ -46,8 +46,8 @@ class NrConfig:
     frame_count : number of different 10 ms frames before the signal repeats, 1..100
     seed : seed of the payload bits, the allocations, the precoders and the error vectors
     evm : error vector magnitude of the transmitter, RMS fraction of the mean PDSCH element's amplitude, 0..1: complex
-        white, drawn for every element of every radio frame, before the prefix is copied. 'typical' is half the limit of
-        TS 38.104 Table 6.5.2.2-1 for the element's modulation: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM
+        white, drawn for every element of every radio frame, before the prefix is copied. 'typical' is half the limit
+        of TS 38.104 Table 6.5.2.2-1 for the element's modulation: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM
     precoding : a phase, and an amplitude within 6 dB, drawn for every group of four resource blocks and slot, of PDSCH
         and its DM-RS
     second_layer_db : power of a second layer (DM-RS port 1001) on the same elements against the first, -40..20; None

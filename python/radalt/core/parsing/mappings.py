@@ -58,25 +58,14 @@ def build(
 ) -> Any:
     """Dataclass from a mapping: keys and types are checked here, ranges by its ``__post_init__``.
 
-    Parameters
-    ----------
-    cls : type
-        Dataclass with annotated fields.
-    data : mapping
-        As YAML gives it.
-    where : str
-        Dotted path of the mapping, for messages; empty for the whole file.
-    special : dict, optional
-        Converters ``(value, path) -> field value`` for fields that the annotation does not describe.
-    renamed : dict, optional
-        Keys of fields that have another name in files.
-    also : iterable of str
-        Keys that are allowed there and that the caller has taken out, for messages.
+    - ``cls``: dataclass with annotated fields
+    - ``data``: as YAML gives it
+    - ``where``: Dotted path of the mapping, for messages; empty for the whole file
+    - ``special``: converters ``(value, path) -> field value`` for fields that the annotation does not describe
+    - ``renamed``: keys of fields that have another name in files
+    - ``also``: keys that are allowed there and that the caller has taken out, for messages
 
-    Raises
-    ------
-    ValueError
-        One line with key, value and what is allowed.
+    Raises `ValueError`: one line with key, value and what is allowed.
     """
     if not isinstance(data, dict):
         raise ValueError(f"{where or 'the scene'} is {data!r}; expected a mapping of keys")
@@ -192,10 +181,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
 def quantity(value: Any, where: str) -> float:
     """A number as a float within what its unit allows; ``where`` ends in the unit: ``sir_db``, ``sweep_s[2]``.
 
-    Raises
-    ------
-    ValueError
-        One line, also for what is not finite.
+    Raises `ValueError`: also for what is not finite.
     """
     unit = _UNIT.search(where)
     most = _UNITS.get(unit[1], LARGEST) if unit else LARGEST
@@ -210,10 +196,7 @@ def quantity(value: Any, where: str) -> float:
 def arguments(method: type, given: dict[str, Any], where: str) -> dict[str, Any]:
     """Keyword arguments of a class, behind its first argument, converted by the annotations of its constructor.
 
-    Raises
-    ------
-    ValueError
-        One line with key, value and what is allowed.
+    Raises `ValueError`: one line with key, value and what is allowed.
     """
     parameters = list(inspect.signature(method).parameters.values())[1:]
     known = [p.name for p in parameters]

@@ -52,11 +52,8 @@ def allowed(name: Any, known: Iterable[str]) -> str:
 def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:
     """Check attributes of ``owner`` against their (lowest, highest), both allowed; None is no value and passes.
 
-    Raises
-    ------
-    ValueError
-        One line: ``where.name``, value, limits, and of a frequency below them the value in MHz, kHz or GHz that lies
-        within; also for NaN.
+    Raises `ValueError`: ``where.name``, value, limits, and of a frequency below them the value in MHz, kHz or GHz
+    that lies within; also for NaN.
 
     Examples
     --------

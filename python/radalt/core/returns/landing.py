@@ -248,18 +248,8 @@ class LandingSpec:
 class TerrainPlayer:
     """Terrain return by frame index, in place of a point return.
 
-    Parameters
-    ----------
-    landing : LandingSpec
-    programme : Programme
-        Programme whose altitudes are those of the landing, one per frame.
-    waveform, seed
-        Those of the scene.
-
-    Raises
-    ------
-    ValueError
-        If the altitudes are not those of the landing.
+    ``programme``: programme whose altitudes are those of the landing, one per frame; ``waveform``, ``seed``: those of
+    the scene. Raises `ValueError` if the altitudes are not those of the landing.
     """
 
     def __init__(self, landing: LandingSpec, programme: Programme, waveform: Waveform, seed: int) -> None:

@@ -12,8 +12,7 @@ class RadarLink:
     """Transmitter, losses and receiver.
 
     Defaults: the first altimeter of Rec. ITU-R M.2059-0 Table 2 as quoted by MathWorks' *FMCW Radar Altimeter
-    Simulation* (0.4 W, noise figure 8 dB, 40 degree beam); the losses are an assumption (3 dB of cable each
-    way).
+    Simulation* (0.4 W, noise figure 8 dB, 40 degree beam); the losses are an assumption (3 dB of cable each way).
 
     Parameters
     ----------

@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
+from ..altimeter.altimeter import AltimeterSettings
 from ..channel.auxiliary import AuxiliarySettings
 from ..channel.settings import ChannelSettings
 from ..interference.placement import Interferer
 from ..parsing import allowed, shown
-from ..receiver.altimeter import AltimeterSettings
-from ..receiver.auxiliary_cancel import CancelSettings
-from ..receiver.leakage import FITTED_ABOVE_M
-from ..receiver.leakage_file import UNCALIBRATED
-from ..receiver.segmenter import SegmenterSettings
-from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
+from ..timing.auxiliary_cancel import CancelSettings
+from ..timing.leakage import FITTED_ABOVE_M
+from ..timing.leakage_file import UNCALIBRATED
+from ..timing.segmenter import SegmenterSettings
+from ..tracker.tracker_settings import TrackerSettings
 from ..waveform import Waveform
 from .sections import AltitudeSpec, RadioSpec, SweepSpec
 

@@ -138,7 +138,6 @@ class FaaMask(NamedEmitter):
     ------
     ValueError
         One line with the value, the limit and the remedy.
-
     Example
     -------
     >>> report = FaaMask(altitude_ft=200.0).report()
@@ -231,8 +230,8 @@ class FaaMask(NamedEmitter):
     def report(self) -> FaaReport:
         """Received powers inside and outside 4200-4400 MHz, I/N and SIR.
 
-        The filter's noise bandwidth over 4200-4400 MHz sets the thermal noise k T0 B F, so that I/N compares
-        like with like.
+        The filter's noise bandwidth over 4200-4400 MHz sets the thermal noise k T0 B F, so that I/N compares like
+        with like.
         """
         in_band = out_of_band = 0.0
         for low_mhz, high_mhz, _ in TABLE_1:

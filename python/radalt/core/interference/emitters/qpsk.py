@@ -49,9 +49,9 @@ class QpskEmitter(NamedEmitter):
     Parameters
     ----------
     bandwidth_hz : float
-        Rectangular pulses: the symbol rate (noise-equivalent bandwidth; nulls at +/- this, side lobes fill the
-        band). Root-raised-cosine: the occupied bandwidth, symbol rate ``bandwidth_hz / (1 + rolloff)``.
-        Default 26.7 % of 7.5 MHz, the paper's over-the-air interferer.
+        Rectangular pulses: the symbol rate (noise-equivalent bandwidth; nulls at +/- this, side lobes fill the band).
+        Root-raised-cosine: the occupied bandwidth, symbol rate ``bandwidth_hz / (1 + rolloff)``. Default 26.7 % of
+        7.5 MHz, the paper's over-the-air interferer.
     carrier_hz : float
         Carrier relative to the radar's centre.
     pulse : str
@@ -59,8 +59,8 @@ class QpskEmitter(NamedEmitter):
     rolloff : float
         Root-raised-cosine roll-off, 0..1.
     evm : float or str
-        Error vector magnitude: RMS of a complex normal error of every symbol over the symbols' RMS, 0..1; ``"typical"``
-        is 0.0875, half of what TS 38.104 allows base stations.
+        Error vector magnitude: RMS of a complex normal error of every symbol over the symbols' RMS, 0..1;
+        ``"typical"`` is 0.0875, half of what TS 38.104 allows base stations.
     """
 
     scene_name: ClassVar[str] = "qpsk"
@@ -147,8 +147,8 @@ class QpskEmitter(NamedEmitter):
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Write samples of power ``mean_power`` into ``span``, complex64 or complex128, faster than by `samples`.
 
-        True if written: ideal rectangular pulses without a carrier offset have constant modulus, so symbols are scaled
-        in place of samples. Otherwise nothing is drawn or written.
+        True if written: ideal rectangular pulses without a carrier offset have constant modulus, so symbols are
+        scaled in place of samples. Otherwise nothing is drawn or written.
         """
         rate = self.symbol_rate_hz / rate_hz
         if self.pulse != "rectangular" or self.carrier_hz or self.evm or rate > 1:

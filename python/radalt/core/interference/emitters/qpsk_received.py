@@ -23,9 +23,9 @@ class QpskReceivedEmitter(QpskEmitter):
     """QPSK whose symbols begin between samples, through the receiver's filter: emitter protocol.
 
     `QpskEmitter` changes its rectangular symbols on the sample grid, as the paper does. Every sample is then one of
-    four points, which no receiver observes and a method could exploit. Here pulses are made at 16 times the rate, each
-    fine sample being the mean over its duration; then they are filtered and decimated. Root-raised-cosine pulses are
-    made at twice the rate, at the exact times.
+    four points, which no receiver observes and a method could exploit. Here pulses are made at 16 times the rate,
+    each fine sample being the mean over its duration; then they are filtered and decimated. Root-raised-cosine pulses
+    are made at twice the rate, at the exact times.
 
     Parameters
     ----------

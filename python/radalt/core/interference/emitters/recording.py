@@ -36,8 +36,8 @@ class RecordingEmitter(NamedEmitter):
         A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
         ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``.
     offset_hz : float
-        Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
-        over ``seconds``.
+        Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of
+        cycles over ``seconds``.
     start_s, seconds : float
         Part of the file in use, at most 1 s. It repeats.
     rate_hz : float or None
@@ -53,8 +53,8 @@ class RecordingEmitter(NamedEmitter):
     Notes
     -----
     A recording contains the noise of its receiver, which demodulation cannot remove. An estimate of it becomes a note
-    of the report, next to licence, author and description from the metadata. The file is opened when samples are first
-    needed.
+    of the report, next to licence, author and description from the metadata. The file is opened when samples are
+    first needed.
     """
 
     scene_name: ClassVar[str] = "recording"

@@ -40,16 +40,10 @@ class TrajectoryError(InputError):
 class AircraftState:
     """Position, velocity and attitude at one instant.
 
-    Parameters
-    ----------
-    time_s, latitude_deg, longitude_deg : float
-        Time on the trajectory's own clock, and geodetic position.
-    altitude_m : float
-        Altitude of the altimeter's antenna above mean sea level (the datum of the terrain).
-    velocity_m_per_s : tuple of 3 float
-        East, north and up.
-    heading_deg, pitch_deg, roll_deg : float
-        True heading clockwise from north, nose up, right wing down.
+    - ``time_s``, ``latitude_deg``, ``longitude_deg``: time on the trajectory's own clock, and geodetic position
+    - ``altitude_m``: altitude of the altimeter's antenna above mean sea level (the datum of the terrain)
+    - ``velocity_m_per_s`` (tuple of 3 float): east, north and up
+    - ``heading_deg``, ``pitch_deg``, ``roll_deg``: True heading clockwise from north, nose up, right wing down
     """
 
     time_s: float
@@ -76,29 +70,21 @@ class AircraftState:
 class Trajectory:
     """A track through given points, interpolated so that the velocity is continuous and nothing overshoots.
 
-    Latitude, longitude and altitude are piecewise cubic Hermite polynomials with monotone slopes (F. N.
-    Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17(2), 1980), so a flare never dips below its points.
-    Velocity is the derivative on the ellipsoid; heading follows the track, pitch is the path angle plus the
-    angle of attack, and roll that of a coordinated turn, ``tan(roll) = V d(track)/dt / g``.
+    Latitude, longitude and altitude are piecewise cubic Hermite polynomials with monotone slopes (F. N. Fritsch and
+    R. E. Carlson, SIAM J. Numer. Anal. 17(2), 1980), so a flare never dips below its points. Velocity is the
+    derivative on the ellipsoid; heading follows the track, pitch is the path angle plus the angle of attack, and roll
+    that of a coordinated turn, ``tan(roll) = V d(track)/dt / g``.
 
-    Parameters
-    ----------
-    time_s, latitude_deg, longitude_deg, altitude_m : (n,) float arrays
-        Points, n >= 4, times strictly increasing; altitudes above mean sea level.
-    angle_of_attack_deg : float
-        Added to the path angle; airliners fly a 3 degree approach nose up by about 2.
-    max_gap_s : float
-        Longest step between points that is interpolated across.
-    max_speed_m_per_s, max_vertical_speed_m_per_s : float
-        Largest speed over ground, and vertical speed, from one point to the next.
-    source : str
-        File name, for messages.
+    - ``time_s``, ``latitude_deg``, ``longitude_deg``, ``altitude_m`` (n,) float: points, n >= 4, times strictly
+      increasing; altitudes above mean sea level
+    - ``angle_of_attack_deg``: added to the path angle; airliners fly a 3 degree approach nose up by about 2
+    - ``max_gap_s``: longest step between points that is interpolated across
+    - ``max_speed_m_per_s``, ``max_vertical_speed_m_per_s``: largest speed over ground, and vertical speed, from one
+      point to the next
+    - ``source``: file name, for messages
 
-    Raises
-    ------
-    TrajectoryError
-        If there are too few points, time runs backwards or is no seconds, a gap is too long, or a position or speed is
-        impossible.
+    Raises `TrajectoryError` if there are too few points, time runs backwards or is no seconds, a gap is too long, or
+    a position or speed is impossible.
     """
 
     time_s: np.ndarray
@@ -173,32 +159,23 @@ class Trajectory:
     ) -> "Trajectory":
         """Read a track from CSV; lines beginning with ``#`` are comments.
 
-        The columns distinguish a plain track (time, latitude, longitude, altitude_m or altitude_ft) from ADS-B
-        state vectors of the OpenSky Network (time, icao24, lat, lon, velocity, heading, vertrate, onground,
-        baroaltitude, geoaltitude; metres, seconds) and of receivers (alt_baro, alt_geom; feet). State vectors on
-        the ground, without position or altitude, or with the position of the row before (stale) are left out.
+        The columns distinguish a plain track (time, latitude, longitude, altitude_m or altitude_ft) from ADS-B state
+        vectors of the OpenSky Network (time, icao24, lat, lon, velocity, heading, vertrate, onground, baroaltitude,
+        geoaltitude; metres, seconds) and of receivers (alt_baro, alt_geom; feet). State vectors on the ground,
+        without position or altitude, or with the position of the row before (stale) are left out.
 
-        Parameters
-        ----------
-        aircraft : str, optional
-            ``icao24`` (or callsign) to take from a file with several.
-        altitude : str, optional
-            ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude), where there are several; default
-            the plain altitude, else the first of these.
-        altitude_unit : str, optional
-            ``"m"`` or ``"ft"``, of a column whose name does not state it: needed in a flight log (groundspeed,
-            vertical_rate, track, callsign), elsewhere metres.
-        altitude_offset_m : float
-            Added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around Chicago), the
-            pressure correction for barometric ones, minus the height of the reporting antenna above the
-            altimeter's.
-        **settings
-            As of the class.
+        - ``aircraft``: ``icao24`` (or callsign) to take from a file with several
+        - ``altitude``: ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude), where there are
+          several; default the plain altitude, else the first of these
+        - ``altitude_unit``: ``"m"`` or ``"ft"``, of a column whose name does not state it: needed in a flight log
+          (groundspeed, vertical_rate, track, callsign), elsewhere metres
+        - ``altitude_offset_m``: added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around
+          Chicago), the pressure correction for barometric ones, minus the height of the reporting antenna above the
+          altimeter's
+        - ``**settings``: as of the class
 
-        Raises
-        ------
-        TrajectoryError
-            As the class, and if the file cannot be read, lacks a column, or holds several aircraft.
+        Raises `TrajectoryError`: as the class, and if the file cannot be read, lacks a column, or holds several
+        aircraft.
         """
         path = Path(path)
         try:
@@ -256,10 +233,7 @@ class Trajectory:
     def states(self, time_s: np.ndarray) -> list[AircraftState]:
         """States at (n,) instants within ``start_s..end_s``.
 
-        Raises
-        ------
-        TrajectoryError
-            If an instant lies outside the trajectory.
+        Raises `TrajectoryError` if an instant lies outside the trajectory.
         """
         time_s = np.atleast_1d(np.asarray(time_s, dtype=float))
         outside = (time_s < self.start_s) | (time_s > self.end_s)

@@ -6,9 +6,9 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas
 
+from ..altimeter.altimeter import AltimeterSettings, shared_altimeter
 from ..returns.point import point_return
 from ..waveform import Waveform, altitude_to_delay_s
-from .altimeter import AltimeterSettings, shared_altimeter
 from .segmenter_settings import SegmenterSettings
 
 _FRACTION = 0.25  # least fractional delay that is reported, samples: 5 m at the default rate
@@ -23,17 +23,8 @@ _MAX_SPREAD_SAMPLES = 0.2
 class SweepFinder:
     """Tables of one sweep, and the three measurements that `FrameSegmenter` makes: locate, correlate, shift.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : SegmenterSettings
-    true_delay : bool
-        Whether altitudes come as true delays (with Doppler) or as beat shifts.
-
-    Attributes
-    ----------
-    quality_db : float
-        Correlation over mean of the last sweep that was measured, in decibels; NaN before the first.
+    ``true_delay``: whether altitudes come as true delays (with Doppler) or as beat shifts. ``quality_db``:
+    correlation over mean of the last sweep that was measured, in decibels; NaN before the first.
     """
 
     def __init__(self, waveform: Waveform, settings: SegmenterSettings, *, true_delay: bool) -> None:
@@ -96,8 +87,8 @@ class SweepFinder:
     def image_share(self, frame: np.ndarray) -> float:
         """Power of the sweep's complex conjugate over that of the sweep in one frame; 0 where none stands out alone.
 
-        A quadrature error gives the conjugate: one rail dead (0 dB), one rail a sample late (-2 dB). Of a centred sweep
-        the conjugate is the sweep half a frame later, so it does not show a receiver with I and Q exchanged.
+        A quadrature error gives the conjugate: one rail dead (0 dB), one rail a sample late (-2 dB). Of a centred
+        sweep the conjugate is the sweep half a frame later, so it does not show a receiver with I and Q exchanged.
         """
         power, mirrored = self._power(frame), self._power(np.conj(frame))
         peak, mean = int(np.argmax(power)), float(power.mean())

@@ -14,14 +14,7 @@ NOT_CHECKED = "not checked", 0.0, _COARSE
 class SweepCheck:
     """Compares the sweep that a frame shows with the one that was sent.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : SegmenterSettings
-    finder : SweepFinder
-        Of the same sweep.
-    max_altitude_m : float
-        Highest altitude, for frames whose altitude is not known.
+    ``finder``: of the same sweep; ``max_altitude_m``: highest altitude, for frames whose altitude is not known.
     """
 
     def __init__(
@@ -38,13 +31,8 @@ class SweepCheck:
     ) -> tuple[float, float] | None:
         """Delay of the sweep near the one it was sent with, see `SweepFinder.shift`; None if that is not known.
 
-        Parameters
-        ----------
-        samples : (N,) complex64
-        sent : (float, float) or None
-            Altitude in metres and range rate in m/s that the frame was sent for, where that is known.
-        offset_s : float
-            Delay of the sweep against the frame's first sample.
+        ``samples`` (N,) complex64; ``sent`` (float, float) or None: altitude in metres and range rate in m/s that the
+        frame was sent for, where that is known; ``offset_s``: delay of the sweep against the frame's first sample.
         """
         return None if sent is None else self._finder.shift(samples, sent, offset_s)
 

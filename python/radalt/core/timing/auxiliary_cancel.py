@@ -9,9 +9,9 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas
 
+from ..altimeter.altimeter_settings import FASTEST_M_PER_S
 from ..parsing import check_range
 from ..waveform import Waveform
-from .altimeter_settings import FASTEST_M_PER_S
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
@@ -65,8 +65,8 @@ class CancelSettings:
 class AuxiliaryCancel:
     """Least squares of the first channel on delayed copies of the second, for each frame alone.
 
-    ``y[n] = x1[n] - sum_{q,d} h[q,d] P_q(n) x2[n-d]`` with Legendre polynomials ``P_q``. Weights are estimated without
-    the return: both channels are dechirped, the beats of the span set to zero, and the rest is chirped again.
+    ``y[n] = x1[n] - sum_{q,d} h[q,d] P_q(n) x2[n-d]`` with Legendre polynomials ``P_q``. Weights are estimated
+    without the return: both channels are dechirped, the beats of the span set to zero, and the rest is chirped again.
 
     A frame passes unchanged, to the bit, where a channel is not finite; where the rest would lose less than
     ``least_db``; where the isolation of the return is not known, or below 10 dB; where weights could take 3 dB of the
