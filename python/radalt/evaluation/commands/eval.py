@@ -215,7 +215,9 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name must not leave results/
         options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
     print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
-    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_verdict)
+    return run(
+        study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_verdict
+    )
 
 
 @command(PROGRAM)

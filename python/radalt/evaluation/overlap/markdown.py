@@ -38,17 +38,13 @@ def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) 
 
 
 def summary(report: dict[str, Any]) -> str:
-    """Summary of the run in a paragraph."""
-    altitude, waveform = report["scene"]["altitude"], report["scene"]["waveform"]
+    """What was run, in a sentence."""
+    altitude = report["scene"]["altitude"]
     heights = altitude["programme_m"]
-    text = f"{report['title']}. {report['scene']['description']}".rstrip(". ") + "."
     return (
-        f"{text} Radar: {waveform['bandwidth_hz'] / 1e6:g} MHz sweep in {waveform['sweep_s'] * 1e3:g} ms at "
-        f"{waveform['carrier_hz'] / 1e9:g} GHz, {waveform['rate_hz'] / 1e6:g} MS/s. "
-        f"{counted(len(heights), 'altitude')} from {max(heights):g} m to {min(heights):g} m "
-        f"({altitude['mode'].replace('_', ' ')}), {counted(altitude['frames'], 'frame')} at each: "
-        f"{counted(report['trials_per_point'], 'trial')} per point and method. "
-        f"Source: {report['source']}. Seed {report['seed']}."
+        f"{report['title']}; {counted(len(heights), 'altitude')} from {max(heights):g} m to {min(heights):g} m, "
+        f"{counted(altitude['frames'], 'frame')} at each: {counted(report['trials_per_point'], 'trial')} per point and "
+        f"method. Source: {report['source']}, seed {report['seed']}."
     )
 
 
@@ -241,18 +237,7 @@ def _methods(report: dict[str, Any]) -> str:
         known = report["methods"].get(method, {})
         model = f"{known['model']} `{known['sha256'][:12]}`" if "sha256" in known else ""
         model += " (placeholder)" if known.get("placeholder") else ""
-        lines.append([method, f"{medians[len(medians) // 2]:.2f}", f"{worst:.2f}", _divergence(mine), model])
-    header = ["method", "median ms per frame", "99th percentile, worst point", "diverged", "model"]
+        diverged = sum(r["diverged_frames"] for r in mine)
+        lines.append([method, f"{medians[len(medians) // 2]:.2f}", f"{worst:.2f}", diverged, model])
+    header = ["method", "median ms per frame", "99th percentile, worst point", "frames diverged", "model"]
     return table(header, lines)
-
-
-def _divergence(rows: Sequence[Row]) -> str:
-    """Number of diverged frames, and where they begin."""
-    diverged = [r for r in rows if r["diverged_frames"]]
-    if not diverged:
-        return "none"
-    text = counted(sum(r["diverged_frames"] for r in diverged), "frame")
-    low = min(r["overlap"] for r in diverged)
-    sirs = sorted({r["sir_db"] for r in diverged if r["sir_db"] is not None})
-    text += f", from overlap {low:g} on" if low else ""
-    return text + (" at " + ", ".join(f"{s:g}" for s in sirs) + " dB SIR" if sirs else "")

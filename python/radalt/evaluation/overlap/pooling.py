@@ -207,7 +207,9 @@ def _write(
         "title": title,
         "notes": notes,
         "runs": [
-            {"folder": run.folder} | {key: run.report[key] for key in _ABOUT} | _by(run) for run in runs
+            {key: run.report[key] for key in _ABOUT}
+            | {"folder": run.folder, "by": run.report["run"].get("by", "not said")}
+            for run in runs
         ],
         "rows": rows,
     }
@@ -241,12 +243,6 @@ def _write(
 
 
 _ABOUT = ("name", "source", "seed", "created", "versions", "methods", "trials_per_point")
-
-
-def _by(run: Run) -> dict[str, str]:
-    """Who measured, and where, if the run says so (``--by``)."""
-    by = run.report["run"].get("by", "")
-    return {"by": by or "not said"}
 
 
 def _run_table(runs: Sequence[dict[str, Any]]) -> str:
