@@ -95,7 +95,7 @@ class Mitigation(ABC):
         self.diverged_frames = 0
         self.beyond_frames = 0
 
-    @usual_errors
+    @usual_errors()
     def process(self, frames: np.ndarray, quality: np.ndarray | None = None) -> np.ndarray:
         """Clean ``(n, N)`` or ``(N,)`` complex64 frames; the input is left untouched.
 

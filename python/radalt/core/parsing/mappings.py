@@ -138,32 +138,22 @@ def _number(text: str) -> float:
 
 
 def _scalar(hint: Any, value: Any, where: str) -> Any:
-    if hint is float:
+    if hint in (float, int):
         # YAML 1.1 takes 7.5e6 (no sign in the exponent) for text; users mean the number
-        if isinstance(value, str):
-            try:
-                value = float(value.replace(MINUS, "-"))
-            except ValueError:
-                raise ValueError(
-                    f"{where} is {shown(value)}; expected a number, in the unit its name states"
-                ) from None
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-            raise ValueError(f"{where} is {shown(value)}; expected a number, in the unit its name states")
-        return quantity(value, where)
-    if hint is int:
-        if isinstance(value, str):
-            try:
-                value = float(value.replace(MINUS, "-"))
-            except ValueError:
-                raise ValueError(f"{where} is {shown(value)}; expected a whole number") from None
-        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-        if not number or not math.isfinite(_float(value)) or value != int(value):
-            raise ValueError(f"{where} is {shown(value)}; expected a whole number")
-        if abs(value) > _WHOLE:
+        given = _number(value) if isinstance(value, str) else value
+        good = isinstance(given, (int, float, np.number)) and not isinstance(given, bool)
+        if hint is int or given is not value:  # text such as "nan" is no number
+            good = good and math.isfinite(_float(given))
+        if not good or (hint is int and given != int(given)):
+            wanted = "a number, in the unit its name states" if hint is float else "a whole number"
+            raise ValueError(f"{where} is {shown(value)}; expected {wanted}")
+        if hint is float:
+            return quantity(given, where)
+        if abs(given) > _WHOLE:
             raise ValueError(
                 f"{where} is {shown(value)}; expected a whole number of at most {len(str(_WHOLE))} digits"
             )
-        return int(value)
+        return int(given)
     if hint is bool:
         if not isinstance(value, bool):
             raise ValueError(f"{where} is {shown(value)}; expected true or false")

@@ -30,6 +30,8 @@ COLUMNS = {
 _UNITS = {"altitude_m": "m", "altitude_ft": "ft", "alt_ft": "ft", "alt_baro": "ft", "alt_geom": "ft"}
 _LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight callsign".split())
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
+_EMPTY = ("", "nan", "null", "none", "ground")  # cells without a number
+_APART_M = 31.0  # largest difference of an altitude in metres and in feet, m: one is in hundreds of feet
 
 
 class TrajectoryError(InputError):
@@ -145,6 +147,13 @@ class Trajectory:
                     f"{self.source}: {rate[k]:.0f} m/s from t = {t[k]:.12g} s to point {k + 2}, t = {t[k + 1]:.12g} s, "
                     f"more than {name} = {limit:g}; leave the wrong row out, or raise the limit"
                 )
+        steep = climbed / np.maximum(moved, _SLOW_M_PER_S * np.maximum(step, 1.0))
+        if steep.max() > 1.0:
+            k = int(np.argmax(steep))
+            raise TrajectoryError(
+                f"{self.source}: {climbed[k]:.0f} m up or down over {moved[k]:.3g} m of ground from t = {t[k]:.12g} s "
+                f"to point {k + 2}, steeper than 45 degrees; leave the wrong row out"
+            )
 
     @classmethod
     def load(
@@ -193,8 +202,12 @@ class Trajectory:
             [] if height else [f"altitude: {altitude}" if altitude else "altitude"]
         )
         if missing:
+            wanted = {min(COLUMNS[k], key=len): COLUMNS[k][0] for k in missing if k in COLUMNS}
+            other = (
+                f"; convert {n} to {own}" for stem, own in wanted.items() for n in names if n.startswith(stem)
+            )
             raise TrajectoryError(
-                f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}"
+                f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}{next(other, '')}"
             )
         metres = foot if _unit(path, height, names, altitude_unit) == "ft" else 1.0
         rows = _one_aircraft(path, rows, column["aircraft"], aircraft)
@@ -290,15 +303,13 @@ def _one_aircraft(
         if column
         else "no column of aircraft"
     )
-    if wanted is None and len(seen) > 1:
-        raise TrajectoryError(f"{path.name}: {listed}; choose one: aircraft=")
-    if wanted is not None and wanted.strip().lower() not in named:
+    if wanted is None:
+        if len(seen) > 1:
+            raise TrajectoryError(f"{path.name}: {listed}; choose one: aircraft=")
+        return rows
+    if wanted.strip().lower() not in named:
         raise TrajectoryError(f"{path.name}: no aircraft {wanted!r}; it has {listed}")
-    return (
-        rows
-        if wanted is None
-        else [r for r, n in zip(rows, named, strict=True) if n == wanted.strip().lower()]
-    )
+    return [row for row, name in zip(rows, named, strict=True) if name == wanted.strip().lower()]
 
 
 def _usable(
@@ -311,14 +322,22 @@ def _usable(
     for number, row in enumerate(rows, start=1):
         cells = [(row[name] or "").strip() for name in names]
         grounded = column["onground"] and row[column["onground"]].strip().lower() in ("true", "1", "t")
-        if grounded or any(cell.lower() in ("", "nan", "null", "none", "ground") for cell in cells):
+        if grounded or any(cell.lower() in _EMPTY for cell in cells):
             continue
+        both = {name: row.get(name, "").strip() for name in COLUMNS["altitude"] if name in _UNITS}
+        both = {name: cell for name, cell in both.items() if height in both and cell.lower() not in _EMPTY}
         try:
             point = [float(cell) for cell in cells]
+            metres = [float(cell) * (foot if _UNITS[name] == "ft" else 1.0) for name, cell in both.items()]
         except ValueError as error:
             raise TrajectoryError(
                 f"{path.name}: data row {number}: {error}; every cell has to be a number"
             ) from error
+        if both and max(metres) - min(metres) > _APART_M:
+            said = " and ".join(f"{name} {cell}" for name, cell in both.items())
+            raise TrajectoryError(
+                f"{path.name}: data row {number}: {said} are two altitudes; leave one column"
+            )
         if not (state_vectors and kept and kept[-1][1:3] == point[1:3]):
             kept.append(point)
     return kept
