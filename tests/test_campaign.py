@@ -198,8 +198,8 @@ def test_flights_at_the_decimated_rate_have_the_statuses_and_levels_of_whole_fra
     outputs, level = ([], []), np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0))
     for block in range(BLOCKS):
         scatterers, noise = flight.scatterers(block), level * white_noise(BLOCK, rng)
-        decimated = ALTIMETER.decimator.mix(noise.reshape(BLOCK, 2, -1), ALTIMETER._table)
-        low = BEATS.returns(*scatterers[:3]) + decimated
+        decimated = ALTIMETER.decimator.mix(noise.reshape(BLOCK, 2, -1), ALTIMETER.mixer)
+        low = BEATS.returns(scatterers) + decimated
         for k, spectra in enumerate(
             (ALTIMETER.spectra(frames_of(scatterers) + noise), ALTIMETER.of_beats(low))
         ):
@@ -214,7 +214,7 @@ def test_flights_at_the_decimated_rate_have_the_statuses_and_levels_of_whole_fra
 
 def test_noise_at_the_decimated_rate_has_the_covariance_of_decimated_noise():
     rng = np.random.default_rng(76)
-    whole = ALTIMETER.decimator.mix(white_noise(400, rng).reshape(400, 2, -1), ALTIMETER._table)
+    whole = ALTIMETER.decimator.mix(white_noise(400, rng).reshape(400, 2, -1), ALTIMETER.mixer)
     found = [np.einsum("nhi,nhj->ij", x.conj(), x) / (2 * len(x)) for x in (whole, BEATS.noise(4000, rng))]
     top = np.abs(found[0]).max()
     assert np.abs(found[0] - found[1]).max() < 0.2 * top
