@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .beat_spectra import BeatSpectra, Spectra
+from ..altimeter.beat_spectra import BeatSpectra, Spectra
 
 # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
 _MEMORY_S = 1.0
@@ -25,10 +25,7 @@ class RepeatedFrames:
     Works on *marks*: some numbers of each frame that differ between any two frames of a receiver with noise. The
     segmenter marks frames by their samples, the tracker by cells of their spectra.
 
-    Parameters
-    ----------
-    sweep_s : float
-        Duration of a frame in seconds.
+    ``sweep_s``: duration of a frame in seconds.
 
     Examples
     --------
@@ -69,12 +66,7 @@ class RepeatedNoise:
     repeat itself, too: then a return that moves is left in the difference of two frames, where one is in the last
     second. A return that stands to the millimetre under such interference is taken for a frozen receiver.
 
-    Parameters
-    ----------
-    spectra : BeatSpectra
-        By which the frames are transformed.
-    step : int
-        Frames per comparison.
+    ``spectra``: by which the frames are transformed; ``step``: frames per comparison.
     """
 
     def __init__(self, spectra: BeatSpectra, step: int) -> None:
