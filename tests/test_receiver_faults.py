@@ -161,7 +161,9 @@ def test_a_hover_and_interference_that_repeats_itself_are_no_frozen_receiver(spe
     43 dB above the return nothing but interference is seen, and yet the return is left in the frames' differences.
     """
     rng = np.random.default_rng(3)
-    again = rng.standard_normal((10, N, 2), dtype=np.float32).view(np.complex64)[..., 0] * np.float32(strength)
+    again = rng.standard_normal((10, N, 2), dtype=np.float32).view(np.complex64)[..., 0] * np.float32(
+        strength
+    )
     path = 300.0 + speed * (np.arange(2000) + 0.5) * W.sweep_s
 
     def batch(first: int) -> np.ndarray:

@@ -30,7 +30,9 @@ _LATITUDE, _LONGITUDE = 42.0, -88.0
 # Share of the strongest scatterer's power below which one is left out: together they have a thousandth.
 _WEAKEST = 1e-5
 _HELD = 2  # blocks with the same scatterers and attitude
-TIMES_S = (np.arange(BLOCK) + 0.5 - 0.5 * BLOCK) * WAVEFORM.sweep_s  # frames' middles, from that of their block
+TIMES_S = (
+    np.arange(BLOCK) + 0.5 - 0.5 * BLOCK
+) * WAVEFORM.sweep_s  # frames' middles, from that of their block
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ class Land:
         return Scatterers(amplitude, at, speed, bend, nearest)
 
     def _at(self, block: int, lasts_s: float) -> tuple[float, *tuple[np.ndarray, ...]]:
-        """Middle of a time from the beginning of a block on; amplitudes, ranges, rates, accelerations; mask of the beam."""
+        """Middle of a time that begins with a block; amplitudes, ranges, rates, accelerations; mask of the beam."""
         block_s = BLOCK * WAVEFORM.sweep_s
         begin, end = self._up[block], self._up[block + round(lasts_s / block_s)]
         climb, time_s = float(end - begin) / lasts_s, block * block_s + 0.5 * lasts_s

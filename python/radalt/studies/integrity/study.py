@@ -86,7 +86,11 @@ def judge_long(
     One frame of each block is measured alone.
     """
     begin, altimeter = time.thread_time(), shared_altimeter(WAVEFORM, settings)
-    tracker, path, beats = AltitudeTracker(altimeter, TRACKER), flight_of(case, frames, rng), beats_of(altimeter)
+    tracker, path, beats = (
+        AltitudeTracker(altimeter, TRACKER),
+        flight_of(case, frames, rng),
+        beats_of(altimeter),
+    )
     level = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0))
     outputs, alone, middle = [], [], []
     for block in range(frames // BLOCK):
