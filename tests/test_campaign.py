@@ -17,12 +17,20 @@ from radalt.studies.integrity import command as program
 from radalt.studies.integrity.beats import Beats
 from radalt.studies.integrity.cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
 from radalt.studies.integrity.figures import draw_land
-from radalt.studies.integrity.flights import fly
+from radalt.studies.integrity.flights import fly, rng_of
 from radalt.studies.integrity.frames import _bent, white_noise
 from radalt.studies.integrity.long_flights import flight_of, frames_of
 from radalt.studies.integrity.received import received
 from radalt.studies.integrity.report import _claim, _hours_of, _hours_table, summarise
-from radalt.studies.integrity.study import TRACKER, IntegrityPoint, IntegrityStudy, _events_of, _limit_m
+from radalt.studies.integrity.study import (
+    TRACKER,
+    IntegrityPoint,
+    IntegrityStudy,
+    _events_of,
+    _limit_m,
+    _row,
+    judge_long,
+)
 
 SMALL = IntegrityStudy(methods=("none", "whitening"), frames=480)
 
@@ -223,14 +231,18 @@ def test_noise_at_the_decimated_rate_has_the_covariance_of_decimated_noise():
 
 def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
     """Mountains from 1,280 m, banked by 40 degrees: the beam points at 1,500 m; five outputs were 176 m off."""
-    study = IntegrityStudy(("none",), frames=40, seed=54)
-    (row,) = study.measure(IntegrityPoint("", 1200, case="land/mountains/bank 40"))
+    case = case_of("land/mountains/bank 40")
+    row = _row(*judge_long(case, rng_of(case, 54, 0, 0), 1200, SMALL.settings))
     assert (row["outputs"], row["misleading"], row["hazardous"]) == (30, 0, 0)
 
 
 def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs(tmp_path):
     assert _events_of(np.array([1, 1, 0, 1, 0, 0, 1], dtype=bool)) == 3
-    (row,) = IntegrityStudy(("none",), frames=40).measure(IntegrityPoint("", 1200, case="point/snr10"))
+    case = case_of("point/snr10")
+    row = _row(*judge_long(case, rng_of(case, 1, 0, 0), 1200, SMALL.settings)) | {
+        "batch": 0,
+        "method": "none",
+    }
     row |= {"case": "land/woods/level", "kind": "land", "misleading_events": 2, "hazardous_events": 1}
     rows = [row, row | {"hazardous_events": 0, "misleading_events": 0}]
     found = _hours_of(rows)

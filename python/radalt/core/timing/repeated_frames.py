@@ -14,8 +14,8 @@ _NOISE_CELLS, _LIKE = 24, 0.85
 # with the same noise that have it; times in a row with the same lag. Under interference that repeats itself exactly the
 # return of an aircraft has another phase in all but one of a hundred.
 _SAME_PHASE, _MOST, _TIMES = 0.3, 0.9, 3
-# Power over the median at which the difference of two frames has a line (white noise reaches it once in a billion cells),
-# and over the strongest line of a frame: below it is rounding.
+# Power over the median at which the difference of two frames has a line (white noise: once in a billion cells), and
+# over the strongest line of a frame: below it is rounding.
 _LINE, _ROUNDING = 30.0, 1e-9
 
 

@@ -168,7 +168,7 @@ class SpreadGround:
         return rise + edge * t.resolution_cells, deviation, int(kinds[kind]), _LEVELS[level] * top
 
     def _possible(self, altitude_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(k,) shapes that an altitude may have, with their constants and factors (one row per shape, level and edge)."""
+        """(k,) shapes that an altitude may have, their constants, and factors (a row per shape, level and edge)."""
         extent, top, blur = self._kinds.T
         cells = max(altitude_m, 1.0) / self._cell_m
         doppler_cells = _FASTEST_M_PER_S * float(self.tables.waveform.vertical_speed_to_doppler_hz(1.0))

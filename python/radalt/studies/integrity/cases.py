@@ -15,7 +15,7 @@ SPAN_M = 1500.0  # the altimeter's highest altitude
 SCENES = ("paper_qpsk", "qpsk_shaped", "nr5", "nr10", "tones", "mixture", "faa_mask", "fmcw")
 _DRAWN, _NOISE = 60, 4  # cases with random settings, cases of noise alone
 LONG = ("land", "point")  # kinds that fly without mitigation, and `LONGER` times as long as the others
-LONGER = 30
+LONGER = 120
 _PHASES = 4  # flights of two grounds whose phases are drawn
 _PEAK_M = 20.0  # distance below which two returns are one peak: a resolution cell of 7.5 MHz
 

@@ -14,7 +14,7 @@ from .flights import FASTEST_M_PER_S, Flight
 from .long_flights import frames_of as land_frames
 
 _SAWTOOTH = Waveform(shape="sawtooth_up")  # of the slope of our rising half sweeps
-# Blades that pass per second (four, 300 revolutions per minute), and the share of the time in which one covers the beam.
+# Blades that pass per second (four, 300 revolutions per minute), and share of the time in which one covers the beam.
 _BLADES_HZ, _BLADE = 20.0, 0.1
 Source = Callable[[np.ndarray], np.ndarray]  # frames by their index
 

@@ -1,6 +1,7 @@
 """Flights of minutes without interference, over land or a point: attitude, climb and terrain wander; no mitigation."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -148,7 +149,7 @@ class Land:
         nearest = sum(x * TIMES_S**k / max(1, k) for k, x in enumerate(ranges)).min(axis=0)
         return Scatterers(amplitude, at, speed, bend, nearest)
 
-    def _at(self, block: int, lasts_s: float) -> tuple[float, *tuple[np.ndarray, ...]]:
+    def _at(self, block: int, lasts_s: float) -> tuple[Any, ...]:
         """Middle of a time that begins with a block; amplitudes, ranges, rates, accelerations; mask of the beam."""
         block_s = BLOCK * WAVEFORM.sweep_s
         begin, end = self._up[block], self._up[block + round(lasts_s / block_s)]

@@ -1,7 +1,9 @@
 """Study: altitudes of all methods, tracked and per frame, over the campaign's cases; all share a flight's frames."""
 
 import dataclasses
+import itertools
 import time
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -144,7 +146,7 @@ class IntegrityStudy(ChainStudy):
     methods: tuple[str, ...] = ("none", "whitening", "tcae", "hybrid")
     kinds: tuple[str, ...] = tuple(KINDS)
     frames: int = 2000
-    parts: int = 1
+    hours: float = 0.0
     seed: int = 1
     allowed_m_per_s: float = 20.0
 
@@ -171,17 +173,23 @@ class IntegrityStudy(ChainStudy):
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        known = {name: value for name, value in super().head().items() if name != "parts"}
+        known = {name: value for name, value in super().head().items() if name != "hours"}
         return known | {"tracker": dataclasses.asdict(TRACKER)}
 
     def points(self) -> Sequence[IntegrityPoint]:
-        """The first flight of every case, then the second, and so on."""
-        return [
-            IntegrityPoint(f"{case.name}:{part}", self.frames_of(case), case=case.name, part=part)
-            for part in range(self.parts)
-            for case in cases(self.kinds)
-            if case.kind not in LONG or "none" in self.methods
-        ]
+        """The first flight of every case, then the second, and so on; cases in an order that mixes the kinds."""
+        known = [case for case in cases(self.kinds) if case.kind not in LONG or "none" in self.methods]
+        known.sort(key=lambda case: zlib.crc32(case.name.encode()))
+        out, left = [], 3600.0 * self.hours / self.waveform.sweep_s
+        for part in itertools.count():
+            for case in known:
+                if (part or self.hours) and left <= 0:
+                    return out
+                frames = self.frames_of(case)
+                out.append(IntegrityPoint(f"{case.name}:{part}", frames, case=case.name, part=part))
+                left -= frames
+            if not known:
+                return out
 
     def frames_of(self, case: Case) -> int:
         """Frames of a flight."""
