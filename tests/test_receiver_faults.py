@@ -156,10 +156,7 @@ def test_a_buffer_that_comes_again_with_another_gain_phase_dc_or_dither_is_a_fai
 
 @pytest.mark.parametrize(("speed", "strength"), [(0.0, 0.0), (-5.0, 1.0), (-5.0, 100.0)])
 def test_a_hover_and_interference_that_repeats_itself_are_no_frozen_receiver(speed, strength):
-    """A return that keeps its phase, in new noise; the same ten frames of interference again and again.
-
-    43 dB above the return nothing but interference is seen, and yet the return is left in the frames' differences.
-    """
+    """A return that keeps its phase, in new noise; ten frames of interference again and again, 3 and 43 dB stronger."""
     rng = np.random.default_rng(3)
     again = rng.standard_normal((10, N, 2), dtype=np.float32).view(np.complex64)[..., 0] * np.float32(
         strength
