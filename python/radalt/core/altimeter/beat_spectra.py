@@ -133,7 +133,7 @@ class BeatSpectra:
         turn = np.exp(2j * np.pi * self.centre_hz * t)
         turns = np.stack([turn if slope > 0 else np.conj(turn) for slope in w.half_slopes])
         table = table * turns * (window / window.sum())
-        self._table = table.astype(np.complex64)
+        self.mixer = table.astype(np.complex64)
         turns = np.exp(-2j * np.pi * self._bins * self.cell_hz / w.rate_hz)
         response = np.polynomial.polynomial.polyval(turns, self.decimator.taps)
         # equalises power for the filter's response and for the noise that the blind part removes
@@ -195,7 +195,7 @@ class BeatSpectra:
         if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
-            low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self._table)
+            low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self.mixer)
         return self.of_beats(low, frames, quality)
 
     def of_beats(
