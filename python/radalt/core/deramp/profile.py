@@ -1,6 +1,6 @@
-"""An altimeter as data: every number with its source and its standing, from a YAML file.
+"""An altimeter as data: every number with its source and its provenance, from a YAML file.
 
-A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, standing, source]``; the standing is
+A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, provenance, source]``; the provenance is
 
 - ``read in source``: the number was read in the source that is named;
 - ``secondary``: another document quotes that source;
@@ -29,7 +29,7 @@ from ..waveform import SHAPES
 from .front_end import Amplifier, Converter
 from .if_waveform import IfWaveform
 
-STANDINGS = ("read in source", "secondary", "assumed")
+PROVENANCES = ("read in source", "secondary", "assumed")
 _TEMPERATURE_K = 290.0
 _WORDS = {
     "sweep": tuple(SHAPES),
@@ -134,7 +134,7 @@ class Profile:
     detector: str = "fft"
     """``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`)."""
     strategy: str = "strongest"  # ``strongest`` or ``leading_edge``
-    standing: dict[str, tuple[str, str]] = field(default_factory=dict)  # by name: (provenance, source)
+    provenance: dict[str, tuple[str, str]] = field(default_factory=dict)  # by name: (provenance, source)
 
     def __post_init__(self) -> None:
         for name, allowed in _WORDS.items():
@@ -345,33 +345,35 @@ def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
 
 
 def _built(data: dict[str, Any]) -> Profile:
-    """Every number unpacked, its standing kept."""
+    """Every number unpacked, its provenance kept."""
     numbers, sources = data.pop("numbers", {}), data.pop("sources", {})
-    standing: dict[str, tuple[str, str]] = {}
+    provenance: dict[str, tuple[str, str]] = {}
     values = dict(data)
-    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "standing"}
+    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "provenance"}
     outside = sorted(needed & set(data))
     if outside:
-        raise ValueError(f"{outside[0]} stands outside numbers; give it there as [value, standing, source]")
+        raise ValueError(f"{outside[0]} stands outside numbers; give it there as [value, provenance, source]")
     for name, entry in numbers.items():
         if not (isinstance(entry, list) and len(entry) == 3):
-            raise ValueError(f"numbers.{name} is {entry!r}; expected [value, standing, source]")
+            raise ValueError(f"numbers.{name} is {entry!r}; expected [value, provenance, source]")
         value, level, source = entry
-        if level not in STANDINGS:
-            raise ValueError(f"numbers.{name} has the standing {level!r}; allowed: {', '.join(STANDINGS)}")
+        if level not in PROVENANCES:
+            raise ValueError(
+                f"numbers.{name} has the provenance {level!r}; allowed: {', '.join(PROVENANCES)}"
+            )
         if not (isinstance(source, str) and source.strip()):
             raise ValueError(
                 f"numbers.{name} has the source {source!r}; expected words: a source, or a reason"
             )
         if level != "assumed" and source not in sources:
             raise ValueError(f"numbers.{name} names the source {source!r}; sources has {', '.join(sources)}")
-        standing[name] = level, str(sources.get(source, source))
+        provenance[name] = level, str(sources.get(source, source))
         values[name] = value
     absent = sorted(needed - set(numbers))
     if absent:
         raise ValueError(
-            f"numbers.{absent[0]} is missing; every number is given as [value, standing, source]"
+            f"numbers.{absent[0]} is missing; every number is given as [value, provenance, source]"
         )
-    if "standing" in values:
-        raise ValueError("unknown key 'standing'; it stands next to each number")
-    return build(Profile, values | {"standing": standing}, "")
+    if "provenance" in values:
+        raise ValueError("unknown key 'provenance'; it stands next to each number")
+    return build(Profile, values | {"provenance": provenance}, "")

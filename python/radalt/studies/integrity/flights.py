@@ -59,7 +59,7 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
         return Flight(nothing, nothing, np.zeros(frames))
     if case.kind == "land_jammed":
         land = flight_of(case, frames, rng)
-        middle = np.concatenate([land.scatterers(block)[-1] for block in range(frames // BLOCK)])
+        middle = np.concatenate([land.scatterers(block).nearest_m for block in range(frames // BLOCK)])
         step = np.gradient(middle)
         return Flight(middle, middle + 0.5 * step, step / sweep_s, land=land)
     start = float(np.exp(rng.uniform(np.log(_LOWEST_M), np.log(_HIGHEST_M))))
