@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..core.parsing import build, convert, load_yaml, plain, shown, whole
 from ..core.paths import share_dir
 from ..core.scene import Scene, parse_scene
+from ..evaluation.overlap.points import parse_axis
 
 _LIST_KEYS = ("list", "title", "seed", "base", "grid", "overlap", "entries", "turns", "cases", "extends")
 _AXES = ("sir_db", "sinr_db", "inr_db", "snr_db")  # of a grid, one of them
@@ -46,18 +45,9 @@ class Grid:
     def levels_db(self) -> tuple[float, ...]:
         """Levels in decibels, highest first; raises ValueError, one line."""
         levels = getattr(self, self.axis) or "0:-62.5:-2.5"
-        if not isinstance(levels, str):
-            return tuple(sorted(levels, reverse=True))
-        try:
-            first, last, step = (float(part) for part in levels.split(":"))
-            count = int(np.floor((last - first) / step + 1e-9)) + 1
-            if not (step < 0 < count <= 1000):
-                raise ValueError
-        except (ValueError, ZeroDivisionError):
-            raise ValueError(
-                f"grid.{self.axis} is {shown(levels)}; give levels, or first:last:step with a falling step"
-            ) from None
-        return tuple((first + step * np.arange(count)).tolist())
+        if isinstance(levels, str):
+            levels = parse_axis(levels, f"grid.{self.axis}")
+        return tuple(sorted(levels, reverse=True))
 
     def powers_db(self, level_db: float, snr_db: float | None) -> dict[str, float]:
         """SIR or SNR of a level, as `Scene.at` takes them; raises ValueError, one line, where there is none."""
