@@ -28,17 +28,14 @@ _Pairs = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True)
 class Entry:
-    """A method under the name that rows have for it.
-
-    ``options``: of the method; ``altimeter``: settings of the altimeter that differ from the case's; ``detector``:
-    ``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty.
-    """
+    """A method under the name that rows have for it."""
 
     name: str
     method: str
-    options: _Pairs = ()
-    altimeter: _Pairs = ()
+    options: _Pairs = ()  # of the method
+    altimeter: _Pairs = ()  # settings of the altimeter that differ from the case's
     detector: str = ""
+    """``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty."""
 
     @classmethod
     def of(cls, name: str, keys: Mapping[str, Any], where: str) -> "Entry":

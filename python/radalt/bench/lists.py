@@ -24,16 +24,14 @@ class Grid:
     - ``sir_db``, ``sinr_db``, ``inr_db``, ``snr_db``: levels in decibels, or ``first:last:step``, such as
       ``0:-62.5:-2.5``: of the return over the interference, or over interference and noise, of the interference over
       the noise, of the return over the noise. Default: ``sir_db`` as in the example.
-    - ``stop_below_pd``: Pd below which a level counts as failed, 0..1; 0 runs every level
-    - ``stop_after``: failed levels in a row after which an entry is not run at lower ones
     """
 
     sir_db: tuple[float, ...] | str | None = None
     sinr_db: tuple[float, ...] | str | None = None
     inr_db: tuple[float, ...] | str | None = None
     snr_db: tuple[float, ...] | str | None = None
-    stop_below_pd: float = 0.3
-    stop_after: int = 2
+    stop_below_pd: float = 0.3  # Pd below which a level counts as failed, 0..1; 0 runs every level
+    stop_after: int = 2  # failed levels in a row after which an entry is not run at lower ones
 
     @property
     def axis(self) -> str:
@@ -67,18 +65,15 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One scene under its name, at one overlap.
-
-    ``scene``: without the level; `at` gives it. ``limit_m``: largest error of a right altitude: the paper's 5 m, or a
-    quarter of the range cell where that is more.
-    """
+    """One scene under its name, at one overlap."""
 
     name: str
     title: str
     overlap: float
-    scene: Scene
+    scene: Scene  # without the level; `at` gives it
     grid: Grid
     limit_m: float
+    """Largest error of a right altitude: the paper's 5 m, or a quarter of the range cell where that is more."""
 
     @property
     def levels_db(self) -> tuple[float | None, ...]:
