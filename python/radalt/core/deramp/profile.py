@@ -76,14 +76,10 @@ _LIMITS = {
 class Profile:
     """A deramping altimeter on an aircraft. The *port* is the receiver's input, behind the receive cable.
 
-    - ``sweep``: ``triangle``, ``sawtooth_up``, ``sawtooth_down``
-    - ``detector``: ``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`)
-    - ``strategy``: ``strongest`` or ``leading_edge``
     - ``carrier_hz``, ``bandwidth_hz``, ``period_s``: centre, width and one whole period of the sweep: up and down of
       a triangle, one ramp of a sawtooth
     - ``transmit_w``, ``gain_dbi``, ``beamwidth_deg``, ``cable_db``: power; gain and -3 dB width of each antenna
       (Gaussian pattern); loss of each cable
-    - ``installation_delay_ft``: altitude of the installation's own delay, which the altimeter subtracts
     - ``noise_figure_db``, ``if_rate_hz``, ``if_pass_hz``: receiver noise figure; rate of the IF samples; flat part of
       the IF filter, which is the channel filter
     - ``preselector_hz``, ``preselector_order``: 3 dB width about the carrier and order (Butterworth) of the filter
@@ -93,21 +89,16 @@ class Profile:
       leakage, but not its modulation by a strong envelope.
     - ``lo_noise_dbc_per_hz``, ``lo_far_noise_dbc_per_hz``: broadband phase noise of the transmitter, which is the
       local oscillator, within the sweep's band and outside it: it mixes whatever is there into the IF
-    - ``recovery_s``: time constant with which the gain comes back after a burst
     - ``converter_bits``, ``headroom_db``: `Converter`
     - ``sweeps_per_output``, ``pfa``, ``max_altitude_ft``, ``max_vertical_speed_m_per_s``: frames (two ramps each) per
       output, false alarms per output in noise, span, fastest climb
-    - ``unlock_loss_db``: loop loss from transmitter to port beyond which there is no computed data
-    - ``sigma0_db``: reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s
-      built-up land
     - ``other_altimeters``, ``other_coupling_db``: further altimeters of this kind on the aircraft, and the loss from
       their transmitters to the port
-    - ``provenance`` (dict of name -> (provenance, source))
     """
 
     name: str
     about: str
-    sweep: str
+    sweep: str  # ``triangle``, ``sawtooth_up``, ``sawtooth_down``
     carrier_hz: float
     bandwidth_hz: float
     period_s: float
@@ -115,7 +106,7 @@ class Profile:
     gain_dbi: float
     beamwidth_deg: float
     cable_db: float
-    installation_delay_ft: float
+    installation_delay_ft: float  # altitude of the installation's own delay, which the altimeter subtracts
     noise_figure_db: float
     if_rate_hz: float
     if_pass_hz: float
@@ -127,20 +118,23 @@ class Profile:
     isolation_db: float
     lo_noise_dbc_per_hz: float
     lo_far_noise_dbc_per_hz: float
-    recovery_s: float
+    recovery_s: float  # time constant with which the gain comes back after a burst
     converter_bits: int
     headroom_db: float
     sweeps_per_output: int
     pfa: float
-    unlock_loss_db: float
+    unlock_loss_db: float  # loop loss from transmitter to port beyond which there is no computed data
     max_altitude_ft: float
     max_vertical_speed_m_per_s: float
     sigma0_db: float
+    """Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up
+    land."""
     other_altimeters: int
     other_coupling_db: float
     detector: str = "fft"
-    strategy: str = "strongest"
-    provenance: dict[str, tuple[str, str]] = field(default_factory=dict)
+    """``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`)."""
+    strategy: str = "strongest"  # ``strongest`` or ``leading_edge``
+    provenance: dict[str, tuple[str, str]] = field(default_factory=dict)  # by name: (provenance, source)
 
     def __post_init__(self) -> None:
         for name, allowed in _WORDS.items():

@@ -69,14 +69,7 @@ class Ground:
 
 
 class SpreadGround:
-    """Finds spread ground in the blocks of one `Integrator`.
-
-    Parameters
-    ----------
-    tables : Integrator
-    window : str
-        Of the sweep (`AltimeterSettings`).
-    """
+    """Finds spread ground in the blocks of one `Integrator`. ``window``: of the sweep (`AltimeterSettings`)."""
 
     def __init__(self, tables: Integrator, window: str) -> None:
         self.tables = tables

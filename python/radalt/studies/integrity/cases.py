@@ -109,23 +109,21 @@ class Case:
     """Conditions of a flight.
 
     - ``kind``, ``name``: ``kind`` is one of `KINDS`; ``name`` is unique and seeds the flights
-    - ``scene``: shipped scene whose interferers transmit (for the kind ``gnuradio`` the transmitter); empty for none
     - ``overlap``, ``sir_db``, ``snr_db``: levels are against a return of unit power, whether there is one or not
-    - ``ground``: whether there is a return of the ground
-    - ``value``: size of the fault: metres, dB, share of frames, parts per million, rail over RMS
-    - ``known``: the limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the
-      claim; empty inside it
     """
 
     kind: str
     name: str
     scene: str = ""
+    """Shipped scene whose interferers transmit (for the kind ``gnuradio`` the transmitter); empty for none."""
     overlap: float = 1.0
     sir_db: float | None = None
     snr_db: float = 10.0
-    ground: bool = True
-    value: float = 0.0
+    ground: bool = True  # whether there is a return of the ground
+    value: float = 0.0  # size of the fault: metres, dB, share of frames, parts per million, rail over RMS
     known: str = ""
+    """The limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the claim;
+    empty inside it."""
 
     @property
     def known_limit(self) -> int:

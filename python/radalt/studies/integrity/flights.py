@@ -32,15 +32,14 @@ class Flight:
     """A flight by frame.
 
     ``middle_m``, ``end_m``, ``speed_m_per_s`` (frames,) float: altitude at the middle and at the end of each frame,
-    NaN without a return, and vertical speed; ``fault_frame``: first frame of the fault, if there is one; ``land``:
-    source of the echoes of land.
+    NaN without a return, and vertical speed.
     """
 
     middle_m: np.ndarray
     end_m: np.ndarray
     speed_m_per_s: np.ndarray
-    fault_frame: int | None = None
-    land: Land | None = None
+    fault_frame: int | None = None  # first frame of the fault, if there is one
+    land: Land | None = None  # source of the echoes of land
 
 
 def rng_of(case: Case, seed: int, batch: int, purpose: int) -> np.random.Generator:

@@ -134,21 +134,16 @@ class IntegrityPoint(Point):
 
 @dataclass(frozen=True)
 class IntegrityStudy(ChainStudy):
-    """The campaign.
-
-    - ``methods``: the headline's method is `tcae`, or the last if `tcae` is not among them
-    - ``kinds``: names in `cases.KINDS`
-    - ``frames``: frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many
-    - ``allowed_m_per_s``: vertical speed that altimeter and tracker allow; up to 10 m/s are flown
-    - ``parts``: flights through each case. No row depends on it, so that a run can be resumed with more.
-    """
+    """The campaign."""
 
     methods: tuple[str, ...] = ("none", "whitening", "tcae", "hybrid")
-    kinds: tuple[str, ...] = tuple(KINDS)
+    """The headline's method is `tcae`, or the last if `tcae` is not among them."""
+    kinds: tuple[str, ...] = tuple(KINDS)  # names in `cases.KINDS`
     frames: int = 2000
-    hours: float = 0.0
+    """Frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many."""
+    hours: float = 0.0  # least flight hours in all; 0 flies every case once
     seed: int = 1
-    allowed_m_per_s: float = 20.0
+    allowed_m_per_s: float = 20.0  # vertical speed that altimeter and tracker allow; up to 10 m/s are flown
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": ROWS}
     published: ClassVar[Mapping[str, str]] = {

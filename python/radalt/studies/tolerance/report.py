@@ -40,22 +40,18 @@ class Pooled:
 
     - ``mean``, ``half``: mean, and half width of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in
       dBm at the port; NaN if no seed has a break-point
-    - ``open``: number of seeds without a break-point
-    - ``highest``: highest level searched
-    - ``clean``: whether the altimeter works without interference
     - ``flux``, ``margin``: the mean as power flux density in dBW/m^2/MHz, and in dB above Table 1 (NaN where that
       does not apply)
-    - ``first``: criteria that failed first in any seed
     """
 
     mean: float
     half: float
-    open: int
-    highest: int
-    clean: bool
+    open: int  # number of seeds without a break-point
+    highest: int  # highest level searched
+    clean: bool  # whether the altimeter works without interference
     flux: float
     margin: float
-    first: str
+    first: str  # criteria that failed first in any seed
 
 
 def pooled(rows: Sequence[Mapping[str, Any]], highest_dbm: int = HIGHEST_DBM) -> Pooled:
