@@ -294,12 +294,9 @@ def test_what_other_programs_write_is_read(tmp_path, how, mark):
     ("part", "entry", "line"),
     [
         ("global", {"core:author": 5}, "global: core:author: 5 is not of type 'string'"),
-        (
-            "annotations",
-            [{"core:sample_start": "a"}],
-            "annotations: 0: core:sample_start: 'a' is not of type",
-        ),
+        ("annotations", [{"core:sample_start": "a"}], "annotations: 0: core:sample_start: 'a' is not of"),
         ("captures", [{"core:sample_start": -1}], "captures: 0: core:sample_start: -1 is less than"),
+        ("global", {"core:trailing_bytes": 3}, "core:datatype has 8 bytes a sample, and 5 are left over"),
     ],
 )
 def test_metadata_that_are_wrong_are_refused_by_key(tmp_path, part, entry, line):

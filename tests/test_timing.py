@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from test_slips import received
 
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.channel.settings import ChannelSettings, DropSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.programme import Programme
-from radalt.core.receiver.altimeter import Altimeter
-from radalt.core.receiver.segmenter import Frame, FrameSegmenter, SegmenterSettings
-from radalt.core.receiver.sweep_finder import SweepFinder
 from radalt.core.returns.point import point_return
+from radalt.core.timing.segmenter import Frame, FrameSegmenter, SegmenterSettings
+from radalt.core.timing.sweep_finder import SweepFinder
 from radalt.core.waveform import Waveform, delay_to_altitude_m
 
 W = Waveform()

@@ -56,15 +56,7 @@ class TolerancePoint(Point):
 class Trial:
     """One realisation of noise and interference, at any level, over one altitude at a time.
 
-    Parameters
-    ----------
-    profile : Profile
-    interferer, method : str
-    outputs : int
-        Outputs that the criteria count.
-    seed : int
-    ground : str
-        ``point`` or ``diffuse``.
+    ``outputs``: outputs that the criteria count; ``ground``: ``point`` or ``diffuse``.
     """
 
     def __init__(
@@ -215,32 +207,18 @@ COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class ToleranceStudy(Study):
-    """A grid of altimeters, interferers, methods, altitudes and seeds.
+    """A grid of altimeters, interferers, methods, altitudes and seeds."""
 
-    Attributes
-    ----------
-    profiles : tuple of str
-        Paths, or names of shipped profiles.
-    interferers, methods : tuple of str
-    altitudes_ft : tuple of float
-    outputs : int
-        Outputs that every criterion counts: the duration of a trial.
-    seeds : int
-        Realisations 1, 2, ...
-    ground : str
-        ``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``.
-    decompose : bool
-        Measure interferers outside the band also with each of `MECHANISMS` alone, and without it.
-    """
-
-    profiles: tuple[str, ...]
+    profiles: tuple[str, ...]  # paths, or names of shipped profiles
     interferers: tuple[str, ...]
     methods: tuple[str, ...]
     altitudes_ft: tuple[float, ...]
-    outputs: int = 150
-    seeds: int = 3
+    outputs: int = 150  # outputs that every criterion counts: the duration of a trial
+    seeds: int = 3  # realisations 1, 2, ...
     ground: str = "point"
+    """``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``."""
     decompose: bool = False
+    """Measure interferers outside the band also with each of `MECHANISMS` alone, and without it."""
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {
