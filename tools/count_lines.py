@@ -12,6 +12,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 CEILINGS = {"python": 43250, "tests": 22500, "training tools": 5800}
+GENERATED = (
+    "stability",
+    "leaving_out",
+    "integrity",
+    "real-time",
+    "scene-reference",
+)  # pages that a command writes
 TARGETS = {"python": 38000, "tests": 18500, "training tools": 6500}
 
 
@@ -38,7 +45,8 @@ if __name__ == "__main__":
     lower, found = parser.parse_args().lower, counts()
     for folders, count in found.items():
         print(f"{count:6} lines in {folders}: at most {CEILINGS[folders]}, target {TARGETS[folders]}")
-    pages = {p.name: prose(p) for p in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]}
+    written = (p for p in (ROOT / "docs").glob("*.md") if p.stem not in GENERATED)
+    pages = {p.name: prose(p) for p in [ROOT / "README.md", *written]}
     each = ", ".join(f"{name} {words}" for name, words in sorted(pages.items()))
     print(f"{sum(pages.values()):6} words of prose, target 9000: {each}")
     if lower:
