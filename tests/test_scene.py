@@ -215,7 +215,7 @@ def test_missing_and_binary_files_are_named(tmp_path):
     with pytest.raises(SceneError, match="no_such_scene.yaml: cannot be read"):
         load_scene("no_such_scene")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(SceneError, match="binary.yaml: cannot be read .not a text file"):
+    with pytest.raises(SceneError, match="binary.yaml: cannot be read .not text in UTF-8"):
         load_scene(tmp_path / "binary.yaml")
 
 

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..parsing import LARGEST, check_range
+from ..parsing import check_range
 from ..waveform import exp_cycles
 
 _LOS_DOPPLER = 0.7  # Doppler of the line of sight over the maximum, TR 38.901 clause 7.7.2
@@ -126,7 +126,7 @@ class FadingChannel:
             raise ValueError(
                 f"fading.profile {self.profile!r} is unknown; choose one of {', '.join(PROFILES)}"
             )
-        check_range("fading", self, delay_spread_s=(0.0, 1e-5), doppler_hz=(0.0, LARGEST))
+        check_range("fading", self, delay_spread_s=(0.0, 1e-5), doppler_hz=(0.0, 5e4))
         profile = PROFILES[self.profile]
         scale = self.delay_spread_s if profile.normalised else 1.0
         power = 10.0 ** (np.array(profile.powers_db) / 10.0)

@@ -33,8 +33,11 @@ def shown(value: Any) -> str:
 def _near(name: Any, known: Iterable[str]) -> list[str]:
     """Known names that may have been meant, the nearest first."""
     known, text = list(known), shown(name).strip("'")
-    close = difflib.get_close_matches(text, known, max(1, len(known)))
-    return list(dict.fromkeys([*close, *(k for k in known if len(text) > 2 and text in k)]))
+    lower = {k.lower(): k for k in known}
+    close = difflib.get_close_matches(text.lower(), lower, max(1, len(known)))
+    return list(
+        dict.fromkeys([*(lower[k] for k in close), *(k for k in known if len(text) > 2 and text in k)])
+    )
 
 
 def did_you_mean(name: Any, known: Iterable[str]) -> str:
@@ -50,10 +53,9 @@ def allowed(name: Any, known: Iterable[str]) -> str:
     return f"{did_you_mean(name, known)}allowed: {', '.join(names) or 'nothing'}"
 
 
-def check_range(where: str, owner: object, **limits: tuple[float, ...]) -> None:
+def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:
     """Check attributes of ``owner`` against their (lowest, highest), both allowed; None is no value and passes.
 
-    A third limit is the least magnitude of what is not 0.
     Raises `ValueError`: ``where.name``, value, limits, and of a frequency below them the value in MHz, kHz or GHz
     that lies within; also for NaN.
 
@@ -64,15 +66,14 @@ def check_range(where: str, owner: object, **limits: tuple[float, ...]) -> None:
     Traceback (most recent call last):
     ValueError: radio.gain_db is 99; it has to be within 0..89.75
     """
-    for name, (low, high, *least) in limits.items():
+    for name, (low, high) in limits.items():
         value = getattr(owner, name)
         if value is None:
             continue
         if not isinstance(value, Real):
             raise ValueError(f"{where}.{name} is {shown(value)}; expected a number")
         read = [value, *(value * unit for unit in (1e6, 1e3, 1e9) if name.endswith("_hz"))]
-        fitting = [v for v in read if low <= v <= high and not 0 < abs(v) < sum(least)]
+        fitting = [v for v in read if low <= v <= high]
         if value not in fitting:
-            span = f"{low:g}..{high:g}" + "".join(f", 0 or at least {size:g} either way" for size in least)
             hint = f"; did you mean {fitting[0]:g}?" if fitting else ""
-            raise ValueError(f"{where}.{name} is {value:g}; it has to be within {span}{hint}")
+            raise ValueError(f"{where}.{name} is {value:g}; it has to be within {low:g}..{high:g}{hint}")

@@ -226,8 +226,11 @@ class RadioSpec:
             attenuation_db=(0.0, _MOST_ATTENUATION_DB),
             auxiliary_attenuation_db=(0.0, _MOST_ATTENUATION_DB),
             master_clock_hz=limits.master_clock_hz,
-            lo_offset_hz=(-most_offset_hz, most_offset_hz, _LEAST_LO_OFFSET_HZ),
+            lo_offset_hz=(-most_offset_hz, most_offset_hz),
         )
+        if 0 < abs(self.lo_offset_hz) < _LEAST_LO_OFFSET_HZ:
+            near = f"0, or at least {_LEAST_LO_OFFSET_HZ:g} either way: did you mean {self.lo_offset_hz * 1e6:g}?"
+            raise ValueError(f"radio.lo_offset_hz is {self.lo_offset_hz:g}; it has to be {near}")
         for name in ("radar_serial", "jammer_serial"):
             if not _SERIAL.fullmatch(getattr(self, name)):
                 # a serial is part of a device address, in which a comma separates arguments

@@ -85,7 +85,7 @@ class ButterworthFilter:
     order: int = 5
 
     def __post_init__(self) -> None:
-        check_range("filter", self, center_hz=(1.0, LARGEST), bandwidth_hz=(1.0, LARGEST), order=(1, 20))
+        check_range("filter", self, center_hz=(1e8, 1e12), bandwidth_hz=(1e5, LARGEST), order=(1, 20))
 
     def power_gain(self, frequency_hz: np.ndarray) -> np.ndarray:
         """|H(f)|^2, same shape, 0..1."""

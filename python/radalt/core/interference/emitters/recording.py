@@ -19,9 +19,6 @@ from . import NamedEmitter, register
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
-_LEAST_HZ = (
-    100.0  # least frequency shift but 0, Hz: megahertz written as hertz, within a bin or two of ``seconds``
-)
 _RATES_HZ = (1e3, 1e9)  # sample rates that are read, Hz
 _REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
 # Smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB).
@@ -74,7 +71,7 @@ class RecordingEmitter(NamedEmitter):
         if not self.file:
             raise ValueError("recording.file is missing; name a .sigmf-meta file, or raw samples")
         check_range("recording", self, start_s=(0.0, LARGEST), seconds=(1e-4, _MOST_S), rate_hz=_RATES_HZ)
-        check_range("recording", self, offset_hz=(-LARGEST, LARGEST, _LEAST_HZ))
+        check_range("recording", self, offset_hz=(-LARGEST, LARGEST))
 
     @property
     def label(self) -> str:
@@ -122,8 +119,10 @@ def _open(emitter: RecordingEmitter) -> SigmfFile | RawFile:
     try:
         check_file(path, most_bytes=_MOST_BYTES, what="recording.file", remedy=_REMEDY)
         bare = not (emitter.datatype or emitter.rate_hz)
-        if bare and (".sigmf" in path.name or path.with_suffix(".sigmf-meta").is_file()):
-            return open_sigmf(path)
+        if ".sigmf" in path.name or bare and path.with_suffix(".sigmf-meta").is_file():
+            if not bare and not path.name.endswith("-data"):
+                raise InputError(f"{path}: SigMF states rate and type; leave out rate_hz and datatype")
+            return open_sigmf(path) if bare else open_raw(path, emitter.datatype, emitter.rate_hz)
         return open_raw(path, emitter.datatype, emitter.rate_hz)
     except InputError as error:
         raise ValueError(f"recording.file: {error}") from None
@@ -146,8 +145,10 @@ def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
             f"{recording.sample_count / source_hz:g} s; start earlier"
         )
     samples = recording.read(first, count).astype(np.complex128)
-    if not np.isfinite(samples.view(np.float64)).all():
-        raise ValueError(f"recording.file {emitter.file} holds samples that are not finite; start elsewhere")
+    if not (np.isfinite(samples.view(np.float64)).all() and samples.any()):
+        raise ValueError(
+            f"recording.file {emitter.file} holds samples that are not finite, or zeros alone; start elsewhere"
+        )
     # oversample so that the shifted signal does not alias
     up = int(np.ceil((2 * abs(emitter.offset_hz) + source_hz) / source_hz))
     if up > _MOST_UP:

@@ -18,8 +18,8 @@ _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 COLUMNS = {
     "time": ("time_s", "time", "timestamp"),
     "latitude": ("latitude_deg", "latitude", "lat"),
-    "longitude": ("longitude_deg", "longitude", "lon", "long"),
-    "altitude": ("altitude_m", "altitude_ft", "alt_ft", "altitude", "alt"),
+    "longitude": ("longitude_deg", "longitude", "lon", "long", "lng"),
+    "altitude": ("altitude_m", "altitude_ft", "alt_m", "alt_ft", "altitude", "alt"),
     "geo": ("geoaltitude", "geo_altitude", "alt_geom"),
     "baro": ("baroaltitude", "baro_altitude", "alt_baro"),
     "aircraft": ("icao24", "hex", "callsign"),
@@ -27,8 +27,18 @@ COLUMNS = {
 }
 # Altitude columns that state their unit, and columns of flight logs, whose altitudes are in feet as often as in metres
 # (OpenSky's own state vectors, which have `velocity`, are metric)
-_UNITS = {"altitude_m": "m", "altitude_ft": "ft", "alt_ft": "ft", "alt_baro": "ft", "alt_geom": "ft"}
-_LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight callsign".split())
+_UNITS = {
+    "altitude_m": "m",
+    "alt_m": "m",
+    "altitude_ft": "ft",
+    "alt_ft": "ft",
+    "alt_baro": "ft",
+    "alt_geom": "ft",
+}
+_LOGGED = set(
+    "groundspeed ground_speed gndspd gspeed gs speed speed_kts vertical_rate vspeed baro_rate track course flight "
+    "callsign".split()
+)
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
 _EMPTY = ("", "nan", "null", "none", "ground")  # cells without a number
 _APART_M = 31.0  # largest difference of an altitude in metres and in feet, m: one is in hundreds of feet
@@ -126,10 +136,16 @@ class Trajectory:
         moved = np.hypot(meridian * np.radians(np.diff(self.latitude_deg)), east)
         # 300 m/s by a clock of milliseconds is 0.3 m/s, at which nothing flies a kilometre; 1e11 s is the year 5138
         slow = moved.sum() < 0.3 * (t[-1] - t[0]) and (moved.sum() > 1e3 or np.median(step) > self.max_gap_s)
-        if slow or t[0] > 1e11:
+        fast = np.median(step) < 1.0 and np.median(moved / step) > self.max_speed_m_per_s
+        if slow or fast or t[0] > 1e11:
+            unit = (
+                "minutes, hours or days; give"
+                if fast
+                else "milliseconds; give seconds: divide them by 1000, or give"
+            )
             raise TrajectoryError(
                 f"{self.source}: from {t[0]:.12g} to {t[1]:.12g} it moves {moved[0]:.3g} m, so the times look like "
-                "milliseconds; give seconds: divide them by 1000"
+                f"{unit} seconds"
             )
         if step.max() > self.max_gap_s:
             k = int(np.argmax(step))
