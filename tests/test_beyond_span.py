@@ -53,6 +53,15 @@ def test_it_is_seen_at_any_height_and_speed_and_ground_within_the_span_is_not_ta
     assert not beyond(flown(rng, 100, 0.0, 1500.0, snr_db)[1]).any()
 
 
+def test_a_beat_as_wide_as_the_sweep_is_no_return():
+    """Above the bandwidth's rate such a beat has a cell; its return would leave nothing of the half sweep."""
+    w = Waveform(bandwidth_hz=1e6, sweep_s=10e-3, rate_hz=2e6)
+    at = np.exp(-2j * np.pi * w.bandwidth_hz * np.arange(w.samples_per_half) / w.rate_hz)
+    frame = w.reference * np.concatenate([at, at.conj()])
+    noise = np.random.default_rng(3).standard_normal((1, 2 * frame.size)).view(np.complex128)
+    assert not BeyondSpan(w, 1500.0)((frame + noise).astype(np.complex64)).any()
+
+
 @pytest.mark.parametrize("name", ["tcae", "whitening", "blanking", "folds"])
 def test_no_method_makes_an_altitude_of_it(name):
     """At 2,600 to 3,100 m the shipped network shows 103 to 603 m; declared at most as often as noise alone is."""

@@ -72,7 +72,9 @@ def open_raw(path: Path, datatype: str = "", rate_hz: float | None = None) -> Ra
 
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks of other programs
-                stated_hz, rails = wavfile.read(path, mmap=True)
+                stated_hz, rails = wavfile.read(
+                    path, mmap=first[34:36] != b"\x18\0"
+                )  # 24 bits cannot be mapped
             rate_hz = rate_hz or stated_hz
         else:
             kind = next(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..parsing import LARGEST, check_range
+from ..parsing import LARGEST, Settings, setting
 from ..waveform import Waveform
 
 # Vertical speed allowed per frame where neither scene nor settings name one, in m/s: 3,900 ft/min, more than approaches
@@ -51,64 +51,41 @@ RESULT_DTYPE = np.dtype(
 
 
 @dataclass(frozen=True)
-class AltimeterSettings:
-    """How the altimeter searches for a return.
+class AltimeterSettings(Settings, where="altimeter"):
+    """How the altimeter searches for a return."""
 
-    Parameters
-    ----------
-    max_altitude_m, min_altitude_m : float or None
-        Search span; the beat band, the decimation and the FFT size follow from it. None as the highest altitude
-        takes what a scene flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower.
-    max_vertical_speed_m_per_s : float or None
-        Largest range rate: how far the two sweeps' beats may differ and still be one target. None takes what a
-        scene flies, else 20 m/s per frame, and 150 m/s in a track or where a call names a speed. At equal false alarms
-        150 m/s costs 1 dB of sensitivity. Where a method leaves holes in the sweep, one half's grating lobe next to the
-        other's peak also passes for a speed. A caller that knows the speed better gives it per call
-        (`Altimeter.process`).
-    window : str
-        ``"boxcar"`` (default), ``"hann"``, ``"hamming"`` or ``"blackman"``, over each half sweep. A taper lowers side
-        lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
-        5.6 dB against one there, and a factor 1.6 in error.
-    pfa_per_frame : float
-        False altitudes per frame of white noise, at most, over all altitudes and speeds that are searched, whatever the
-        sweep; 1e-9..0.5.
-    train_cells, guard_cells : float
-        Training and guard cells on each side, in resolution cells (2 kHz, 20 m by default), where the noise is
-        not white (`Cfar`).
-    strategy : str
-        ``"strongest"`` point target; ``"leading_edge"`` nearest edge of an extended return, the -6 dB point of the
-        rise, corrected so that a point target is unbiased; ``"centroid"`` power centroid.
-    """
-
-    max_altitude_m: float | None = None
-    min_altitude_m: float = 0.0
-    max_vertical_speed_m_per_s: float | None = None
-    window: str = "boxcar"
-    pfa_per_frame: float = 0.0155
-    train_cells: float = 16.0
-    guard_cells: float = 1.5
-    strategy: str = "strongest"
+    max_altitude_m: float | None = setting(None, -LARGEST, LARGEST)
+    """Upper end of the search span; beat band, decimation and FFT size follow from the span. None takes what a scene
+    flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower."""
+    min_altitude_m: float = setting(0.0, -LARGEST, LARGEST)
+    """Lower end of the search span."""
+    max_vertical_speed_m_per_s: float | None = setting(None, 0.0, LARGEST)
+    """Largest range rate: how far the two sweeps' beats may differ and still be one target. None takes what a scene
+    flies, else 20 m/s per frame, and 150 m/s in a track or where a call names a speed. At equal false alarms 150 m/s
+    costs 1 dB of sensitivity. Where a method leaves holes in the sweep, one half's grating lobe next to the other's
+    peak also passes for a speed. A caller that knows the speed better gives it per call (`Altimeter.process`)."""
+    window: str = setting("boxcar", among=("hann", "hamming", "blackman", "boxcar"))
+    """Over each half sweep. A taper lowers side lobes but weights the middle of the sweep, where an interferer at the
+    radar's centre sits: a Hann window costs 5.6 dB against one there, and a factor 1.6 in error."""
+    pfa_per_frame: float = setting(0.0155, 1e-9, 0.5)
+    """False altitudes per frame of white noise, at most, over all altitudes and speeds that are searched, whatever
+    the sweep."""
+    train_cells: float = setting(16.0, 1, 256)
+    """Training cells on each side, in resolution cells (2 kHz, 20 m by default), where the noise is not white
+    (`Cfar`)."""
+    guard_cells: float = setting(1.5, 0, 256)
+    """Guard cells between, on each side."""
+    strategy: str = setting("strongest", among=STRATEGIES)
+    """``"strongest"`` point target; ``"leading_edge"`` nearest edge of an extended return, the -6 dB point of the
+    rise, corrected so that a point target is unbiased; ``"centroid"`` power centroid."""
 
     def __post_init__(self) -> None:
-        altitudes = dict.fromkeys(("min_altitude_m", "max_altitude_m"), (-LARGEST, LARGEST))
-        check_range("altimeter", self, **altitudes)
+        super().__post_init__()
         if self.max_altitude_m is not None and not self.max_altitude_m > self.min_altitude_m:
             raise ValueError(
                 f"altimeter.max_altitude_m {self.max_altitude_m:g} has to be above min_altitude_m "
                 f"{self.min_altitude_m:g}"
             )
-        if self.strategy not in STRATEGIES:
-            raise ValueError(f"altimeter.strategy is {self.strategy!r}; allowed: {', '.join(STRATEGIES)}")
-        if self.window not in ("hann", "hamming", "blackman", "boxcar"):
-            raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
-        check_range(
-            "altimeter",
-            self,
-            pfa_per_frame=(1e-9, 0.5),
-            train_cells=(1, 256),
-            guard_cells=(0, 256),
-            max_vertical_speed_m_per_s=(0.0, LARGEST),
-        )
 
     def resolved(
         self,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..parsing import check_range
+from ..parsing import Settings, setting
 
 
 class Status:
@@ -49,73 +49,37 @@ OUTPUT_DTYPE = np.dtype(
 
 
 @dataclass(frozen=True)
-class TrackerSettings:
-    """How frames become altitudes that can be trusted.
+class TrackerSettings(Settings, where="tracker"):
+    """How frames become altitudes that can be trusted."""
 
-    Parameters
-    ----------
-    output_s : float
-        Time between outputs, and of the integration; 40 ms is 25 outputs per second.
-    doppler : bool or None
-        Whether a range rate shows as Doppler. That of a synthetic altitude does not. None takes what a scene plays
-        (`Scene.tracker_settings`), else true.
-    max_vertical_speed_m_per_s : float
-        Rate limit of a track, 0..1000; with ``doppler`` the altimeter's holds where that names a lower one.
-    acceleration_m_per_s2 : float
-        Standard deviation of the change of range rate, terrain slopes included (white in time, one value per output).
-    search_pfa, gate_pfa : float
-        Probability that noise alone gives a detection in one block: over the whole span, within the gate of a track.
-    confirm_outputs : int
-        Consecutive blocks that must agree before an altitude is called valid, 2..25.
-    coast_s : float
-        Seconds without measurement after which a track is deleted.
-    risk : float
-        Probability that the error exceeds the protection level, per output called NORMAL, 1e-9..0.1.
-    max_protection_m : float
-        An altitude with a higher protection level is not given.
-    memory_outputs : float
-        Outputs over which evidence against rival altitudes is remembered, 1 or above.
-    rival_db : float
-        In decibels: a second return farther up leaves the altitude undecided, unless it is weaker by more than this.
-    nearer_rival_db : float
-        The same for a nearer return than the track's: the ground is the nearest thing there is.
-    leakage_m : float or None
-        Altitude in metres below which no track starts, 0..1000: the transmitter's own leakage and the landing gear lie
-        there (docs/leakage.md). A track that comes from above continues. None is 15 m where range rates show as
-        Doppler, and 0 with a beat shift, which moves the leakage. A scene sets 0, unless it plays leakage without a
-        calibration.
-    """
-
-    output_s: float = 0.04
+    output_s: float = setting(0.04, 1e-4, 10.0)
+    """Time between outputs, and of the integration; 40 ms is 25 outputs per second."""
     doppler: bool | None = None
-    max_vertical_speed_m_per_s: float = 150.0
-    acceleration_m_per_s2: float = 5.0
-    search_pfa: float = 1e-4
-    gate_pfa: float = 1e-2
-    confirm_outputs: int = 3
-    coast_s: float = 1.0
-    risk: float = 1e-5
-    max_protection_m: float = 60.0
-    memory_outputs: float = 10.0
-    rival_db: float = 6.0
-    nearer_rival_db: float = 10.0
-    leakage_m: float | None = None
-
-    def __post_init__(self) -> None:
-        check_range(
-            "tracker",
-            self,
-            output_s=(1e-4, 10.0),
-            max_vertical_speed_m_per_s=(0.0, 1000.0),
-            acceleration_m_per_s2=(0.01, 1000.0),
-            search_pfa=(1e-9, 0.1),
-            gate_pfa=(1e-9, 0.1),
-            confirm_outputs=(2, 25),
-            coast_s=(0.0, 60.0),
-            risk=(1e-9, 0.1),
-            max_protection_m=(1.0, 10_000.0),
-            memory_outputs=(1.0, 1000.0),
-            rival_db=(0.0, 40.0),
-            nearer_rival_db=(0.0, 40.0),
-            leakage_m=(0.0, 1000.0),
-        )
+    """Whether a range rate shows as Doppler. That of a synthetic altitude does not. None takes what a scene plays
+    (`Scene.tracker_settings`), else true."""
+    max_vertical_speed_m_per_s: float = setting(150.0, 0.0, 1000.0)
+    """Rate limit of a track; with ``doppler`` the altimeter's holds where that names a lower one."""
+    acceleration_m_per_s2: float = setting(5.0, 0.01, 1000.0)
+    """Standard deviation of the change of range rate, terrain slopes included (white in time, one value per output)."""
+    search_pfa: float = setting(1e-4, 1e-9, 0.1)
+    """Probability that noise alone gives a detection in one block, over the whole span."""
+    gate_pfa: float = setting(1e-2, 1e-9, 0.1)
+    """Probability that noise alone gives a detection in one block, within the gate of a track."""
+    confirm_outputs: int = setting(3, 2, 25)
+    """Consecutive blocks that must agree before an altitude is called valid."""
+    coast_s: float = setting(1.0, 0.0, 60.0)
+    """Seconds without measurement after which a track is deleted."""
+    risk: float = setting(1e-5, 1e-9, 0.1)
+    """Probability that the error exceeds the protection level, per output called NORMAL."""
+    max_protection_m: float = setting(60.0, 1.0, 10_000.0)
+    """An altitude with a higher protection level is not given."""
+    memory_outputs: float = setting(10.0, 1.0, 1000.0)
+    """Outputs over which evidence against rival altitudes is remembered."""
+    rival_db: float = setting(6.0, 0.0, 40.0)
+    """A second return farther up leaves the altitude undecided, unless it is weaker by more than this."""
+    nearer_rival_db: float = setting(10.0, 0.0, 40.0)
+    """The same for a nearer return than the track's: the ground is the nearest thing there is."""
+    leakage_m: float | None = setting(None, 0.0, 1000.0)
+    """Altitude below which no track starts: the transmitter's own leakage and the landing gear lie there
+    (docs/leakage.md). A track that comes from above continues. None is 15 m where range rates show as Doppler, and 0
+    with a beat shift, which moves the leakage. A scene sets 0, unless it plays leakage without a calibration."""

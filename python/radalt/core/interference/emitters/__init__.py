@@ -9,12 +9,13 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
+from ...parsing import Settings
 from ...plugins import load_plugins
 
 __all__ = ["NamedEmitter", "emitter_class", "emitter_names", "register"]
 
 
-class NamedEmitter:
+class NamedEmitter(Settings):
     """Base of an emitter that a scene can name: a frozen dataclass whose fields are its keys in the scene.
 
     It adds the emitter's names to what placement needs (`radalt.core.interference.placement.Emitter`). A class

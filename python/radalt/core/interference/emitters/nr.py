@@ -96,22 +96,15 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
 class NrEmitter(NamedEmitter, NrConfig):
     """An NR downlink carrier behind the radar's receiver filter: emitter protocol.
 
-    Parameters
-    ----------
-    carrier_hz : offset of the NR carrier's centre from the radar's centre frequency
-    (all of `NrConfig`)
     A transmission has a uniform start and carrier phase in a cached signal of `frame_count` frames that repeats without
     a seam. Mean power over that signal is 1 after the filter.
-    Example
-    -------
-    >>> emitter = NrEmitter(channel_bandwidth_hz=10e6, carrier_hz=2e6, cell_id=17, modulation="256qam")
-    >>> window = emitter.samples(7500, 7.5e6, np.random.default_rng(1))
     """
 
     scene_name: ClassVar[str] = "nr"
     unit_power: ClassVar[bool] = True
 
     carrier_hz: float = 0.0
+    """Offset of the NR carrier's centre from the radar's centre frequency."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -138,14 +138,9 @@ class Trajectory:
         slow = moved.sum() < 0.3 * (t[-1] - t[0]) and (moved.sum() > 1e3 or np.median(step) > self.max_gap_s)
         fast = np.median(step) < 1.0 and np.median(moved / step) > self.max_speed_m_per_s
         if slow or fast or t[0] > 1e11:
-            unit = (
-                "minutes, hours or days; give"
-                if fast
-                else "milliseconds; give seconds: divide them by 1000, or give"
-            )
             raise TrajectoryError(
                 f"{self.source}: from {t[0]:.12g} to {t[1]:.12g} it moves {moved[0]:.3g} m, so the times look like "
-                f"{unit} seconds"
+                f"{'minutes or hours' if fast else 'milliseconds'}; give seconds"
             )
         if step.max() > self.max_gap_s:
             k = int(np.argmax(step))
