@@ -183,6 +183,7 @@ def test_a_function_is_a_method_for_as_long_as_it_is_asked_for(report):
         (lambda: radalt.evaluate("clear", out=5), "out is 5; name a folder"),
         (lambda: radalt.evaluate("clear", 5), "method '5' has no name"),
         (lambda: radalt.load_scene(5), "scene '5'"),
+        (lambda: radalt.Waveform(centered="no"), "waveform.centered is 'no'; expected true or false"),
         (lambda: radalt.simulate("landing_terrain", frames=10**6), "set altitude.landing_frames"),
     ],
 )

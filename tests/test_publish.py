@@ -51,7 +51,12 @@ def test_a_folder_that_cannot_take_the_page_is_refused_before_hours_of_measuring
         options = Options(tmp_path / "run", publish=target)
         assert main(Published(), options, program="p", dry_run=dry_run) == 2
         out, err = capsys.readouterr()
-        assert out == "" and err.count("\n") == 1 and "docs is no folder; name another" in err
+        assert (
+            out == ""
+            and err.count("\n") == 1
+            and "docs" in err
+            and "cannot be written (Not a directory); name another" in err
+        )
     assert not (tmp_path / "run").exists()
 
 

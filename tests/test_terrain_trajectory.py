@@ -127,7 +127,9 @@ def test_a_gap_is_named_unless_allowed(tmp_path):
         (track("altitude", "500", start=1.6e12), "milliseconds; give seconds"),
         ("", "no column for time"),
         (track("alt", "500").replace("time", "time_ms"), "no column for time; .*convert time_ms to time_s"),
-        (track("alt_km", "1"), "no column for altitude; .*convert alt_km to altitude_m"),
+        (track("altitude", "500", step=1 / 60), "so the times look like minutes or hours; give seconds"),
+        (track("alt,Speed (kts)", "500,90"), "alt may be in feet or metres, as the file has speed_kts"),
+        (track("alt_km", "1").replace(",", ";"), "no column for altitude; .*convert alt_km to altitude_m"),
         (track("altitude_m,Altitude [m]", "1,2"), "two columns are called 'altitude_m'; leave one"),
         (track("altitude_m,alt_ft", "1000,1400"), "row 1: altitude_m 1000 and alt_ft 1400 are two altitudes"),
         (track("alt", "{k}00", step=3, east=1e-5), "over 0.8.* m of ground .* point 2, steeper than 45 deg"),
@@ -155,6 +157,7 @@ def test_queries_outside_and_missing_files_are_refused(tmp_path):
     [
         ("altitude_ft", "1000", {}, 304.8),
         ("Altitude (ft)", "1000", {}, 304.8),
+        ("Alt [m],speed", "1000,140", {}, 1000.0),
         ("altitude_m,altitude_ft", "310,1000", {}, 310.0),
         ("alt_baro,gs", "1000,140", {}, 304.8),
         ("altitude,track", "1000,90", {"altitude_unit": "ft"}, 304.8),

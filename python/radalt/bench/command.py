@@ -47,6 +47,7 @@ def _arguments(parser: Parser) -> None:
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     from ..core.mitigation import METHODS
+    from ..core.parsing import allowed
     from .entry import Entry
     from .lists import find_list, load_list
     from .study import BenchStudy
@@ -56,6 +57,16 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     salt = _salt(args.list, own) if args.confirm else ""
     cases = load_list(args.list, frames=args.frames, only=only, salt=salt)
     listed = {name: Entry.of(name, keys, f"{args.list}: entries") for name, keys in cases.entries.items()}
+    if own and set(own) & set(listed):
+        parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
+    names = [name.strip() for name in args.entries.split(",") if name.strip()]
+    names = names or (["none", *own] if own or not listed else list(listed))
+    if args.confirm:
+        names = list(dict.fromkeys(["none", *names, *CONFIRM]))
+    known = list(dict.fromkeys([*METHODS, *listed, *own]))
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        parser.error(f"--methods names {unknown[0]!r}; {allowed(unknown[0], known)}")
     if args.plan:
         for case in cases.cases:
             levels = case.levels_db
@@ -69,16 +80,6 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
                 f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
             )
         return 0
-    if own and set(own) & set(listed):
-        parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
-    names = [name.strip() for name in args.entries.split(",") if name.strip()]
-    names = names or (["none", *own] if own or not listed else list(listed))
-    if args.confirm:
-        names = list(dict.fromkeys(["none", *names, *CONFIRM]))
-    known = list(dict.fromkeys([*METHODS, *listed, *own]))
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        parser.error(f"--methods names {unknown[0]!r}; there are {', '.join(known)}")
     args.own = tuple(own)
     if own and not args.confirm:  # before anything is measured
         from .board import stored_rows

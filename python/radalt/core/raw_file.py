@@ -72,9 +72,8 @@ def open_raw(path: Path, datatype: str = "", rate_hz: float | None = None) -> Ra
 
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks of other programs
-                stated_hz, rails = wavfile.read(
-                    path, mmap=first[34:36] != b"\x18\0"
-                )  # 24 bits cannot be mapped
+                mapped = first[34:36] != b"\x18\0"  # 24 bits cannot be
+                stated_hz, rails = wavfile.read(path, mmap=mapped)
             rate_hz = rate_hz or stated_hz
         else:
             kind = next(
@@ -103,21 +102,21 @@ def _checked_type(datatype: str, part: bytes) -> np.dtype:
             f"recording.datatype {given}; of raw samples it is cf32_le, ci16_le, cu8 or another one of SigMF's"
         )
     likely = [f"cf{bits}_le" for bits in (32, 64) if _as_floats(part, np.dtype(f"<f{bits // 8}")) > 0.99]
-    single = (
-        kind == "<f8"
-        and likely[:1] == ["cf32_le"]
-        and np.frombuffer(part[: len(part) // 4 * 4], "<u4")[::2].any()
+    wrong = (
+        _as_floats(part, kind) < 0.9 or (kind == "<f8" and "cf32_le" in likely)
+        if kind.kind == "f"
+        else likely
     )
-    if (_as_floats(part, kind) < 0.9 or single) if kind.kind == "f" else likely:
+    if wrong:
         raise ValueError(f"its samples are not {datatype}; are they {(likely or ['ci16_le'])[0]}?")
     if kind.itemsize == 1:
-        level = {
-            kind: np.abs(np.frombuffer(part, kind) - zero).mean()
-            for kind, zero in (("i1", 0.0), ("u1", 127.5))
-        }
-        other = "u1" if kind.kind == "i" else "i1"
-        if level[other] < level[kind.str[1:]] / 3:
-            raise ValueError(f"its samples are not {datatype}; are they c{other[0]}8?")
+        away = [
+            np.abs(np.frombuffer(part, name) - zero).mean() for name, zero in (("i1", 0.0), ("u1", 127.5))
+        ]
+        if away[kind.kind == "u"] > 3 * away[kind.kind == "i"]:
+            raise ValueError(
+                f"its samples are not {datatype}; are they {'cu8' if kind.kind == 'i' else 'ci8'}?"
+            )
     return kind
 
 

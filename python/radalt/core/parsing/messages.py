@@ -34,10 +34,8 @@ def _near(name: Any, known: Iterable[str]) -> list[str]:
     """Known names that may have been meant, the nearest first."""
     known, text = list(known), shown(name).strip("'")
     lower = {k.lower(): k for k in known}
-    close = difflib.get_close_matches(text.lower(), lower, max(1, len(known)))
-    return list(
-        dict.fromkeys([*(lower[k] for k in close), *(k for k in known if len(text) > 2 and text in k)])
-    )
+    close = [lower[k] for k in difflib.get_close_matches(text.lower(), lower, max(1, len(known)))]
+    return list(dict.fromkeys([*close, *(k for k in known if len(text) > 2 and text in k)]))
 
 
 def did_you_mean(name: Any, known: Iterable[str]) -> str:

@@ -33,5 +33,8 @@ class Settings:
             if among and getattr(self, field.name) not in among:
                 value = getattr(self, field.name)
                 raise ValueError(f"{self.section}.{field.name} is {value!r}; allowed: {', '.join(among)}")
+            if isinstance(field.default, bool) and getattr(self, field.name) not in (True, False):
+                value = getattr(self, field.name)
+                raise ValueError(f"{self.section}.{field.name} is {value!r}; expected true or false")
             if field.metadata.get("limits"):
                 check_range(self.section, self, **{field.name: field.metadata["limits"]})

@@ -141,15 +141,11 @@ def _interferer(item: Any, where: str) -> Interferer:
     own = {k: v for k, v in params.items() if k not in others}
     built = build(emitter_class(kind), own, path, also=others)
     emitter = impaired(built, params, path)
-    small = {
-        key: value
-        for key, value in plain(built).items()
-        if key.endswith("_hz") and 0 < abs(value or 0) < _LEAST_HZ
-    }
-    for key, value in small.items():
-        raise ValueError(
-            f"{path}.{key} is {value:g}; at least {_LEAST_HZ:g}, or 0: did you mean {value * 1e6:g}?"
-        )
+    for key, given in plain(built).items():
+        for value in given if isinstance(given, list) else [given]:
+            if key.endswith("_hz") and 0 < abs(value or 0.0) < _LEAST_HZ:
+                near = f"0, or at least {_LEAST_HZ:g}: did you mean {value * 1e6:g}?"
+                raise ValueError(f"{path}.{key} is {value:g}; it has to be {near}")
     stated_db = typing.cast(NamedEmitter, emitter).stated_sir_db
     if "sir_db" not in placement and stated_db is not None:
         placement["sir_db"] = stated_db

@@ -48,7 +48,7 @@ class RecordingEmitter(NamedEmitter):
     file: str = ""
     """A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
     ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``."""
-    offset_hz: float = setting(0.0, -LARGEST, LARGEST, _LEAST_HZ)
+    offset_hz: float = setting(0.0, -LARGEST, LARGEST)
     """Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
     over ``seconds``."""
     start_s: float = setting(0.0, 0.0, LARGEST)
@@ -111,10 +111,10 @@ def _open(emitter: RecordingEmitter) -> SigmfFile | RawFile:
     try:
         check_file(path, most_bytes=_MOST_BYTES, what="recording.file", remedy=_REMEDY)
         bare = not (emitter.datatype or emitter.rate_hz)
-        if ".sigmf" in path.name or bare and path.with_suffix(".sigmf-meta").is_file():
-            if not bare and not path.name.endswith("-data"):
-                raise InputError(f"{path}: SigMF states rate and type; leave out rate_hz and datatype")
-            return open_sigmf(path) if bare else open_raw(path, emitter.datatype, emitter.rate_hz)
+        if bare and (".sigmf" in path.name or path.with_suffix(".sigmf-meta").is_file()):
+            return open_sigmf(path)
+        if ".sigmf" in path.name and not path.name.endswith("-data"):
+            raise InputError(f"{path}: SigMF states rate and type; leave out rate_hz and datatype")
         return open_raw(path, emitter.datatype, emitter.rate_hz)
     except InputError as error:
         raise ValueError(f"recording.file: {error}") from None

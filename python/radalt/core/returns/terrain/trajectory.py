@@ -25,20 +25,11 @@ COLUMNS = {
     "aircraft": ("icao24", "hex", "callsign"),
     "onground": ("onground", "on_ground"),
 }
-# Altitude columns that state their unit, and columns of flight logs, whose altitudes are in feet as often as in metres
+# Altitude columns that state their unit, and how columns of flight logs begin, whose altitudes may be in feet
 # (OpenSky's own state vectors, which have `velocity`, are metric)
-_UNITS = {
-    "altitude_m": "m",
-    "alt_m": "m",
-    "altitude_ft": "ft",
-    "alt_ft": "ft",
-    "alt_baro": "ft",
-    "alt_geom": "ft",
-}
-_LOGGED = set(
-    "groundspeed ground_speed gndspd gspeed gs speed speed_kts vertical_rate vspeed baro_rate track course flight "
-    "callsign".split()
-)
+_UNITS = dict.fromkeys(("altitude_m", "alt_m"), "m")
+_UNITS |= dict.fromkeys(("altitude_ft", "alt_ft", "alt_baro", "alt_geom"), "ft")
+_LOGGED = tuple("gs gspeed ground speed vertical_rate vspeed baro_rate track course flight callsign".split())
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
 _EMPTY = ("", "nan", "null", "none", "ground")  # cells without a number
 _APART_M = 31.0  # largest difference of an altitude in metres and in feet, m: one is in hundreds of feet
@@ -89,10 +80,8 @@ class Trajectory:
 
     - ``time_s``, ``latitude_deg``, ``longitude_deg``, ``altitude_m`` (n,) float: points, n >= 4, times strictly
       increasing; altitudes above mean sea level
-    - ``angle_of_attack_deg``: added to the path angle; airliners fly a 3 degree approach nose up by about 2
-    - ``max_gap_s``: longest step between points that is interpolated across
-    - ``max_speed_m_per_s``, ``max_vertical_speed_m_per_s``: largest speed over ground, and vertical speed, from one
-      point to the next
+    - ``angle_of_attack_deg``, ``max_gap_s``, ``max_speed_m_per_s``, ``max_vertical_speed_m_per_s``: as of
+      `core.returns.landing.TrajectorySpec`
     - ``source``: file name, for messages
 
     Raises `TrajectoryError` if there are too few points, time runs backwards or is no seconds, a gap is too long, or
@@ -184,15 +173,9 @@ class Trajectory:
         geoaltitude; metres, seconds) and of receivers (alt_baro, alt_geom; feet). State vectors on the ground,
         without position or altitude, or with the position of the row before (stale) are left out.
 
-        - ``aircraft``: ``icao24`` (or callsign) to take from a file with several
-        - ``altitude``: ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude), where there are
-          several; default the plain altitude, else the first of these
-        - ``altitude_unit``: ``"m"`` or ``"ft"``, of a column whose name does not state it: needed in a flight log
-          (groundspeed, vertical_rate, track, callsign), elsewhere metres
-        - ``altitude_offset_m``: added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around
-          Chicago), the pressure correction for barometric ones, minus the height of the reporting antenna above the
-          altimeter's
-        - ``**settings``: as of the class
+        All else is as of `core.returns.landing.TrajectorySpec`. An altitude without a unit in its name is in metres,
+        and refused in a flight log (`_LOGGED`). What is added to GNSS altitudes is minus the geoid undulation (+34 m
+        around Chicago), and to barometric ones the pressure correction.
 
         Raises `TrajectoryError`: as the class, and if the file cannot be read, lacks a column, or holds several
         aircraft.
@@ -295,7 +278,7 @@ def _unit(path: Path, column: str, names: list[str], given: str | None) -> str:
     stated = _UNITS.get(column)
     if stated and given not in (None, stated):
         raise TrajectoryError(f"{path.name}: {column} is in {stated}, altitude_unit is {given}; leave it out")
-    logged = sorted(_LOGGED.intersection(names))
+    logged = sorted(name for name in names if name.startswith(_LOGGED))
     if not (stated or given) and logged and "velocity" not in names:
         raise TrajectoryError(
             f"{path.name}: column {column} may be in feet or metres, as the file has {', '.join(logged)}; "
