@@ -141,7 +141,7 @@ def test_altimeter_profile_is_read_and_flown(root, tmp_path):
     profile = load_profile(file)
     assert (profile.bandwidth_hz, profile.period_s, profile.gain_dbi) == (100e6, 5e-3, 12.0)
     assert profile.noise_figure_db == load_profile("fmcw_150mhz").noise_figure_db
-    assert profile.standing["gain_dbi"][0] == "assumed"
+    assert profile.provenance["gain_dbi"][0] == "assumed"
     done = run(
         os.environ | {"PYTHONPATH": str(root / "python")}, str(root / "flowgraphs/tolerance_eval.py"),
         "--profile", str(file), "--interferers", "tone", "--altitudes-ft", "200", "--outputs", "20", "--seeds", "1",

@@ -29,6 +29,12 @@ def _arguments(parser: Parser) -> None:
         help="shipped methods, entries of the list and yours, with commas (default: the list's; none, and yours)",
     )
     add_own(parser)
+    add(
+        "--via",
+        choices=("direct", "flowgraph"),
+        default="direct",
+        help="through GNU Radio's flowgraph: the same rows to the bit, in more time (default: direct)",
+    )
     add("--cases", default="", help="these cases alone, with commas")
     add("--frames", type=number(int, 1, 100_000), help="per level, in place of the list's")
     add(
@@ -91,7 +97,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
                 f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
             )
     entries = tuple(listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items())) for name in names)
-    return BenchStudy(find_list(args.list), entries, args.frames, only, salt)
+    return BenchStudy(find_list(args.list), entries, args.frames, only, salt, args.via)
 
 
 # Shipped methods that a confirmation runs again: each leads under some interferer (docs/methods.md)

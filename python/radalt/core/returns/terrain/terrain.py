@@ -44,17 +44,15 @@ class FlatTerrain:
 class DtedCell:
     """Posts of one DTED file.
 
-    ``south_deg``, ``west_deg``: Corner of the south-west post; ``step_lat_deg``, ``step_lon_deg``: post spacing;
-    ``elevation_m`` (n_lon, n_lat) float: Elevations above mean sea level; NaN marks a void. ``source``: file name,
-    for messages.
+    ``south_deg``, ``west_deg``: Corner of the south-west post; ``step_lat_deg``, ``step_lon_deg``: post spacing.
     """
 
     south_deg: float
     west_deg: float
     step_lat_deg: float
     step_lon_deg: float
-    elevation_m: np.ndarray
-    source: str = ""
+    elevation_m: np.ndarray  # (n_lon, n_lat) float: Elevations above mean sea level; NaN marks a void
+    source: str = ""  # file name, for messages
 
     @property
     def north_deg(self) -> float:

@@ -44,16 +44,14 @@ class AircraftState:
     """Position, velocity and attitude at one instant.
 
     - ``time_s``, ``latitude_deg``, ``longitude_deg``: time on the trajectory's own clock, and geodetic position
-    - ``altitude_m``: altitude of the altimeter's antenna above mean sea level (the datum of the terrain)
-    - ``velocity_m_per_s`` (tuple of 3 float): east, north and up
     - ``heading_deg``, ``pitch_deg``, ``roll_deg``: True heading clockwise from north, nose up, right wing down
     """
 
     time_s: float
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float
-    velocity_m_per_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    altitude_m: float  # altitude of the altimeter's antenna above mean sea level (the datum of the terrain)
+    velocity_m_per_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (tuple of 3 float): east, north and up
     heading_deg: float = 0.0
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
@@ -80,9 +78,8 @@ class Trajectory:
 
     - ``time_s``, ``latitude_deg``, ``longitude_deg``, ``altitude_m`` (n,) float: points, n >= 4, times strictly
       increasing; altitudes above mean sea level
-    - ``angle_of_attack_deg``, ``max_gap_s``, ``max_speed_m_per_s``, ``max_vertical_speed_m_per_s``: as of
-      `core.returns.landing.TrajectorySpec`
-    - ``source``: file name, for messages
+    - ``max_speed_m_per_s``, ``max_vertical_speed_m_per_s``: largest speed over ground, and vertical speed, from one
+      point to the next
 
     Raises `TrajectoryError` if there are too few points, time runs backwards or is no seconds, a gap is too long, or
     a position or speed is impossible.
@@ -93,10 +90,11 @@ class Trajectory:
     longitude_deg: np.ndarray
     altitude_m: np.ndarray
     angle_of_attack_deg: float = 5.0
-    max_gap_s: float = 15.0
+    """Added to the path angle; airliners fly a 3 degree approach nose up by about 2."""
+    max_gap_s: float = 15.0  # longest step between points that is interpolated across
     max_speed_m_per_s: float = 700.0
     max_vertical_speed_m_per_s: float = 60.0
-    source: str = "trajectory"
+    source: str = "trajectory"  # file name, for messages
 
     def __post_init__(self) -> None:
         t = np.asarray(self.time_s, dtype=float)
