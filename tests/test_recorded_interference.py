@@ -89,14 +89,8 @@ def test_other_files_are_the_same_samples(tmp_path, name):
     assert emitters[1].notes(RATE_HZ) == (f"{name}: no OFDM found, so its noise is not known",)
 
 
-def numbers(path, kind, rows=20_000):
-    np.random.default_rng(3).normal(0, 300, (rows, 2)).astype(kind).tofile(path)
-
-
-def bytes_of(path, kind):
-    (20 * np.random.default_rng(3).standard_normal((20_000, 2)) + 127.5 * (kind is np.uint8)).astype(
-        kind
-    ).tofile(path)
+def numbers(path, kind, mean=0.0, rms=300.0):
+    np.random.default_rng(3).normal(mean, rms, (20_000, 2)).astype(kind).tofile(path)
 
 
 @pytest.mark.parametrize(
@@ -106,8 +100,8 @@ def bytes_of(path, kind):
         (lambda path: savemat(path, {"x": np.eye(9)}, format="4", appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: savemat(path, {"x": np.eye(9)}, appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: path.write_bytes(b"PAR1" + bytes(999)), "cf32_le", "another program's format"),
-        (lambda path: bytes_of(path, np.uint8), "ci8", "not ci8; are they cu8"),
-        (lambda path: bytes_of(path, np.int8), "cu8", "not cu8; are they ci8"),
+        (lambda path: numbers(path, "u1", 127.5, 20), "ci8", "not ci8; are they cu8"),
+        (lambda path: numbers(path, "i1", 0, 20), "cu8", "not cu8; are they ci8"),
         (lambda path: path.write_bytes(bytes(80_000)), "cf32_le", "not finite, or zeros alone"),
         (lambda path: numbers(path, "<f4"), "cf64_le", "not cf64_le; are they cf32_le"),
         (lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(999)), "cf32_le", "HDF5"),

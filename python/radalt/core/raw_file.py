@@ -76,9 +76,7 @@ def open_raw(path: Path, datatype: str = "", rate_hz: float | None = None) -> Ra
                 stated_hz, rails = wavfile.read(path, mmap=mapped)
             rate_hz = rate_hz or stated_hz
         else:
-            kind = next(
-                (name for name, start in _CONTAINERS.items() if re.match(start, first, re.DOTALL)), ""
-            )
+            kind = next((n for n, start in _CONTAINERS.items() if re.match(start, first, re.DOTALL)), "")
             if kind:
                 raise ValueError(f"it is {kind}")
             rails = as_rails(np.memmap(path, np.uint8, "r"), _checked_type(datatype, middle))
@@ -98,9 +96,7 @@ def _checked_type(datatype: str, part: bytes) -> np.dtype:
     kind = value_type(datatype)
     if kind is None:
         given = f"is {shown(datatype)}" if datatype else "is missing"
-        raise ValueError(
-            f"recording.datatype {given}; of raw samples it is cf32_le, ci16_le, cu8 or another one of SigMF's"
-        )
+        raise ValueError(f"recording.datatype {given}; for raw samples cf32_le, ci16_le, cu8 or the like")
     likely = [f"cf{bits}_le" for bits in (32, 64) if _as_floats(part, np.dtype(f"<f{bits // 8}")) > 0.99]
     wrong = (
         _as_floats(part, kind) < 0.9 or (kind == "<f8" and "cf32_le" in likely)

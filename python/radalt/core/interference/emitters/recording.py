@@ -138,9 +138,7 @@ def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
         )
     samples = recording.read(first, count).astype(np.complex128)
     if not (np.isfinite(samples.view(np.float64)).all() and samples.any()):
-        raise ValueError(
-            f"recording.file {emitter.file} holds samples that are not finite, or zeros alone; start elsewhere"
-        )
+        raise ValueError(f"recording.file {emitter.file} is not finite, or zeros alone; start elsewhere")
     # oversample so that the shifted signal does not alias
     up = int(np.ceil((2 * abs(emitter.offset_hz) + source_hz) / source_hz))
     if up > _MOST_UP:

@@ -290,11 +290,9 @@ def _one_aircraft(
 ) -> list[dict[str, str]]:
     named = [row[column].strip().lower() if column else "" for row in rows]
     seen = [name or "(none)" for name, _ in Counter(named).most_common()]
-    listed = (
-        f"{len(seen)} aircraft in column {column} ({', '.join(seen[:8])})"
-        if column
-        else "no column of aircraft"
-    )
+    listed = "no column of aircraft"
+    if column:
+        listed = f"{len(seen)} aircraft in column {column} ({', '.join(seen[:8])})"
     if wanted is None:
         if len(seen) > 1:
             raise TrajectoryError(f"{path.name}: {listed}; choose one: aircraft=")
@@ -322,14 +320,10 @@ def _usable(
             point = [float(cell) for cell in cells]
             metres = [float(cell) * (foot if _UNITS[name] == "ft" else 1.0) for name, cell in both.items()]
         except ValueError as error:
-            raise TrajectoryError(
-                f"{path.name}: data row {number}: {error}; every cell has to be a number"
-            ) from error
+            raise TrajectoryError(f"{path.name}: data row {number}: {error}; give numbers") from error
         if both and max(metres) - min(metres) > _APART_M:
             said = " and ".join(f"{name} {cell}" for name, cell in both.items())
-            raise TrajectoryError(
-                f"{path.name}: data row {number}: {said} are two altitudes; leave one column"
-            )
+            raise TrajectoryError(f"{path.name}: data row {number}: {said} are two altitudes; leave one")
         if not (state_vectors and kept and kept[-1][1:3] == point[1:3]):
             kept.append(point)
     return kept
