@@ -48,14 +48,17 @@ def _arguments(parser: Parser) -> None:
         action="store_true",
         help="draw every seed from the list and your files; runs the best shipped, too",
     )
+    add("--stored", action="store_true", help="the report of the stored rows; measures nothing")
     add("--plan", action="store_true", help="print the cases and their levels, and run nothing")
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     from ..core.mitigation import METHODS
     from ..core.parsing import allowed
+    from .board import stored_rows
     from .entry import Entry
     from .lists import find_list, load_list
+    from .rows import read_rows
     from .study import BenchStudy
 
     own = own_methods(args)
@@ -66,6 +69,16 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     if own and set(own) & set(listed):
         parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
     names = [name.strip() for name in args.entries.split(",") if name.strip()]
+    if args.stored and (own or args.confirm):
+        parser.error("--stored measures nothing; leave it out, or your own methods and --confirm")
+    if args.stored or (own and not args.confirm):  # before anything is measured
+        args.against = args.against or stored_rows(cases.name)
+        rows = read_rows(args.against)
+        if {row["digest"] for row in rows} != {cases.digest}:
+            parser.error(
+                f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
+            )
+        names = names or [row["entry"] for row in rows if args.stored]
     names = names or (["none", *own] if own or not listed else list(listed))
     if args.confirm:
         names = list(dict.fromkeys(["none", *names, *CONFIRM]))
@@ -87,17 +100,12 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
             )
         return 0
     args.own = tuple(own)
-    if own and not args.confirm:  # before anything is measured
-        from .board import stored_rows
-        from .rows import read_rows
-
-        args.against = args.against or stored_rows(cases.name)
-        if {row["digest"] for row in read_rows(args.against)} != {cases.digest}:
-            parser.error(
-                f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
-            )
-    entries = tuple(listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items())) for name in names)
-    return BenchStudy(find_list(args.list), entries, args.frames, only, salt, args.via)
+    entries = tuple(
+        listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items()))
+        for name in dict.fromkeys(names)
+    )
+    stored = args.against if args.stored else None
+    return BenchStudy(find_list(args.list), entries, args.frames, only, salt, args.via, stored)
 
 
 # Shipped methods that a confirmation runs again: each leads under some interferer (docs/methods.md)
