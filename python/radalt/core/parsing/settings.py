@@ -29,7 +29,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            value, among = getattr(self, field.name), field.metadata.get("among")
+            value, among = getattr(self, field.name, None), field.metadata.get("among")
             if among and value not in among:
                 raise ValueError(f"{self.section}.{field.name} is {value!r}; allowed: {', '.join(among)}")
             if isinstance(field.default, bool) and value not in (True, False):
