@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Lines of Python in the package, in the tests and in training with tools; `make count`. Exits with 1 above a ceiling.
+"""Lines of Python in the package, in the tests and in training with tools, and words of the pages' prose; `make count`.
+
+Exits with 1 above a ceiling of lines.
 
 A ceiling is the count when it was last lowered: it only falls, to the target.
 """
@@ -19,6 +21,15 @@ def counts() -> dict[str, int]:
     return {folders: sum(len(p.read_bytes().splitlines()) for p in found) for folders, found in files.items()}
 
 
+def prose(page: Path) -> int:
+    """Words of a page without code, tables, headings, pictures and comments."""
+    text = re.sub(
+        r"^```.*?^```|<!--.*?-->", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
+    lines = [line for line in text.splitlines() if not line.startswith(("|", "#", "!", "    "))]
+    return len(re.findall(r"[^\W\d]\w*", re.sub(r"`[^`]*`|\]\([^)]*\)", " ", " ".join(lines))))
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
@@ -27,6 +38,9 @@ if __name__ == "__main__":
     lower, found = parser.parse_args().lower, counts()
     for folders, count in found.items():
         print(f"{count:6} lines in {folders}: at most {CEILINGS[folders]}, target {TARGETS[folders]}")
+    pages = {p.name: prose(p) for p in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]}
+    each = ", ".join(f"{name} {words}" for name, words in sorted(pages.items()))
+    print(f"{sum(pages.values()):6} words of prose, target 9000: {each}")
     if lower:
         fallen = str({f: min(CEILINGS[f], count) for f, count in found.items()}).replace("'", '"')
         text = Path(__file__).read_text(encoding="utf-8")
