@@ -162,7 +162,6 @@ def test_queries_outside_and_missing_files_are_refused(tmp_path):
         ("alt_baro,gs", "1000,140", {}, 304.8),
         ("altitude,track", "1000,90", {"altitude_unit": "ft"}, 304.8),
         ("altitude,track", "1000,90", {"altitude_unit": "m"}, 1000.0),
-        ("altitude_m,callsign", "1000,AB1", {}, 1000.0),
         ("altitude,geoaltitude,baroaltitude", "1,2,3", {"altitude": "baro"}, 3.0),
         ("altitude,geoaltitude,baroaltitude", "1,2,3", {"altitude": "geo"}, 2.0),
         ("altitude,geoaltitude,baroaltitude", "1,2,3", {}, 1.0),
