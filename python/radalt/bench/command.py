@@ -54,6 +54,7 @@ def _arguments(parser: Parser) -> None:
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     from ..core.mitigation import METHODS
+    from ..core.parsing import allowed
     from .board import stored_rows
     from .entry import Entry
     from .lists import find_list, load_list
@@ -65,19 +66,6 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     salt = _salt(args.list, own) if args.confirm else ""
     cases = load_list(args.list, frames=args.frames, only=only, salt=salt)
     listed = {name: Entry.of(name, keys, f"{args.list}: entries") for name, keys in cases.entries.items()}
-    if args.plan:
-        for case in cases.cases:
-            levels = case.levels_db
-            span = "no interference"
-            if levels[0] is not None:
-                name = case.grid.axis.removesuffix("_db").upper()
-                span = f"{name} {levels[0]:g} dB"
-                if len(levels) > 1:
-                    span = f"{name} {levels[0]:g} to {levels[-1]:g} dB, {len(levels)} levels"
-            print(
-                f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
-            )
-        return 0
     if own and set(own) & set(listed):
         parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
     names = [name.strip() for name in args.entries.split(",") if name.strip()]
@@ -97,7 +85,20 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     known = list(dict.fromkeys([*METHODS, *listed, *own]))
     unknown = [name for name in names if name not in known]
     if unknown:
-        parser.error(f"--methods names {unknown[0]!r}; there are {', '.join(known)}")
+        parser.error(f"--methods names {unknown[0]!r}; {allowed(unknown[0], known)}")
+    if args.plan:
+        for case in cases.cases:
+            levels = case.levels_db
+            span = "no interference"
+            if levels[0] is not None:
+                name = case.grid.axis.removesuffix("_db").upper()
+                span = f"{name} {levels[0]:g} dB"
+                if len(levels) > 1:
+                    span = f"{name} {levels[0]:g} to {levels[-1]:g} dB, {len(levels)} levels"
+            print(
+                f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
+            )
+        return 0
     args.own = tuple(own)
     entries = tuple(
         listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items()))
