@@ -41,20 +41,14 @@ def test_number_range_and_converters(method):
     assert not not_passed(judge_all(cases.number_cases(), compared_chains([method])))
 
 
-def test_extreme_altitudes_and_speeds():
-    everything = [*cases._altitude_cases(), *cases._speed_cases()]
-    assert not not_passed(judge_all(everything, compared_chains(["none", "whitening"])))
-
-
-def test_other_sweeps():
-    """10 us to 10 ms, 6.7 to 20 MHz, B T_h not whole; the command has 0.1 to 200 MHz and 100 ms."""
-    assert not not_passed(
-        judge_all(islice(cases.waveform_cases(), 6), compared_chains(["none", "whitening"]))
-    )
-
-
-def test_stiff_inputs():
-    assert not not_passed(judge_all(cases.stiff_cases(), compared_chains(["none", "whitening"])))
+@pytest.mark.parametrize(
+    "made",
+    [cases._altitude_cases, cases._speed_cases, lambda: islice(cases.waveform_cases(), 6), cases.stiff_cases],
+    ids=["altitudes", "speeds", "sweeps", "stiff inputs"],
+)
+def test_extreme_altitudes_speeds_sweeps_and_stiff_inputs(made):
+    """Of the sweeps 10 us to 10 ms, 6.7 to 20 MHz, B T_h not whole; the command has 0.1 to 200 MHz and 100 ms."""
+    assert not not_passed(judge_all(made(), compared_chains(["none", "whitening"])))
 
 
 @pytest.mark.parametrize("speed", [220.0, 250.0, 300.0, -300.0])

@@ -9,7 +9,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from test_identity import ONE_PACKAGE
 from waiting import ran_python
 
 WITHOUT_GNU_RADIO = """
@@ -59,14 +58,6 @@ def test_it_is_pure_small_and_whole(root, wheel):
     wanted = {name for name in package if "__pycache__" not in name} | data | {"gnuradio/radalt/__init__.py"}
     assert wanted <= names
     assert not [name for name in names if name.startswith("gnuradio/") and name not in wanted]
-
-
-def test_both_names_are_one_package(site, tmp_path):
-    for names in (("import radalt", "import gnuradio.radalt"), ("import gnuradio.radalt", "import radalt")):
-        done = python(
-            site, tmp_path, "-W", "error", "-c", ONE_PACKAGE.format(first=names[0], second=names[1])
-        )
-        assert done.returncode == 0, done.stderr
 
 
 def test_it_measures_and_commands_say_what_they_need(site, tmp_path):
