@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
-from radalt.core.receiver.cfar import Cfar
-from radalt.core.receiver.cramer_rao import altitude_crb_m, beat_crb_hz
-from radalt.core.receiver.decimator import Decimator
-from radalt.core.receiver.sweep_pairing import PairSearch
+from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
+from radalt.core.altimeter.cfar import Cfar
+from radalt.core.altimeter.cramer_rao import altitude_crb_m, beat_crb_hz
+from radalt.core.altimeter.decimator import Decimator
+from radalt.core.altimeter.sweep_pairing import PairSearch
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

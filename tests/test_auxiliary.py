@@ -8,9 +8,9 @@ from gnuradio import radalt as gr_radalt
 from test_blocks import Collect, run
 
 import radalt
-from radalt.core.receiver.auxiliary_samples import AuxiliarySamples
 from radalt.core.scene import SceneError, parse_scene
 from radalt.core.scene.build import segmenter_of
+from radalt.core.timing.auxiliary_samples import AuxiliarySamples
 from radalt.evaluation.flowgraph.generate import generate, prepare, shipped
 from radalt.evaluation.flowgraph.rewrite import prune, with_second_channel
 from radalt.evaluation.flowgraph.run import run_point

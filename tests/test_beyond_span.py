@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt.core.altimeter.beyond_span import BeyondSpan
+from radalt.core.altimeter.frame_quality import FrameQuality
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import Mitigation, create
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
-from radalt.core.receiver.beyond_span import BeyondSpan
-from radalt.core.receiver.frame_quality import FrameQuality
-from radalt.core.receiver.tracker import AltitudeTracker, Status
 from radalt.core.returns.point import point_return
+from radalt.core.tracker.tracker import AltitudeTracker, Status
 from radalt.core.waveform import Waveform
 
 W = Waveform()
@@ -47,6 +47,15 @@ def test_it_is_seen_at_any_height_and_speed_and_ground_within_the_span_is_not_ta
     for low_m, high_m in ((1545.0, 4000.0), (4000.0, top_m)):
         assert beyond(flown(rng, 60, low_m, high_m, snr_db)[1]).all()
     assert not beyond(flown(rng, 100, 0.0, 1500.0, snr_db)[1]).any()
+
+
+def test_a_beat_as_wide_as_the_sweep_is_no_return():
+    """Above the bandwidth's rate such a beat has a cell; its return would leave nothing of the half sweep."""
+    w = Waveform(bandwidth_hz=1e6, sweep_s=10e-3, rate_hz=2e6)
+    at = np.exp(-2j * np.pi * w.bandwidth_hz * np.arange(w.samples_per_half) / w.rate_hz)
+    frame = w.reference * np.concatenate([at, at.conj()])
+    noise = np.random.default_rng(3).standard_normal((1, 2 * frame.size)).view(np.complex128)
+    assert not BeyondSpan(w, 1500.0)((frame + noise).astype(np.complex64)).any()
 
 
 @pytest.mark.parametrize("name", ["tcae", "whitening", "blanking", "folds"])

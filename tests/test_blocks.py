@@ -14,14 +14,14 @@ from waiting import wait_for
 
 from radalt.blocks._frames import frame_tag
 from radalt.blocks._guard import raise_stored
+from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter
+from radalt.core.altimeter.frame_quality import FrameQuality
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import create
-from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
-from radalt.core.receiver.frame_quality import FrameQuality
-from radalt.core.receiver.segmenter import Frame, FrameSegmenter
 from radalt.core.scene import parse_scene
 from radalt.core.scene.live import RangeProfile
+from radalt.core.timing.segmenter import Frame, FrameSegmenter
 from radalt.evaluation.commands import make_recording
 
 N = 7500

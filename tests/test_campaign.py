@@ -10,8 +10,8 @@ import pytest
 from pages import assert_whole
 from scipy import stats
 
-from radalt.core.receiver.altimeter import shared_altimeter
-from radalt.core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status
+from radalt.core.altimeter.altimeter import shared_altimeter
+from radalt.core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
 from radalt.studies.integrity import command as program
 from radalt.studies.integrity.beats import Beats

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
-from radalt.core.receiver.cfar import Cfar, support_of
-from radalt.core.receiver.pair_threshold import pair_threshold, upcrossings
-from radalt.core.receiver.sweep_pairing import FLOOR
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt.core.altimeter.cfar import Cfar, support_of
+from radalt.core.altimeter.pair_threshold import pair_threshold, upcrossings
+from radalt.core.altimeter.sweep_pairing import FLOOR
 from radalt.core.waveform import Waveform
 
 W = Waveform()

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from waiting import ran_python
 
-from radalt.core.receiver.altimeter import Reason
+from radalt.core.altimeter.altimeter import Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.results.break_point import break_point

@@ -23,7 +23,7 @@ from gnuradio import gr, radalt
 from hostile import write_scene
 from waiting import ran, ran_python
 
-from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.scene import load_scene, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.flowgraph.generate import generate, prepare

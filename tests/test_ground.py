@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.receiver.altimeter import Altimeter
-from radalt.core.receiver.tracker import AltitudeTracker, Status, TrackerSettings
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain import (
     AircraftState,
@@ -14,6 +13,7 @@ from radalt.core.returns.terrain import (
     TerrainReturn,
     reflectivity,
 )
+from radalt.core.tracker.tracker import AltitudeTracker, Status, TrackerSettings
 from radalt.core.waveform import C_M_PER_S, Waveform
 
 W = Waveform()

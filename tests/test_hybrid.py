@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import create
-from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from radalt.core.receiver.tracker_settings import OUTPUT_DTYPE, Status
+from radalt.core.tracker.tracker_settings import OUTPUT_DTYPE, Status
 from radalt.evaluation.results.integrity import (
     Integrity,
     integrity,

@@ -12,7 +12,7 @@ import pytest
 from hostile import assert_refused, ended, measure_here
 from pages import assert_whole
 
-from radalt.core.receiver.altimeter import AltimeterSettings
+from radalt.core.altimeter.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
 from radalt.core.scene import load_scene, parse_scene
 from radalt.core.scene.build import segmenter_of

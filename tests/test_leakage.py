@@ -9,12 +9,14 @@ import pytest
 from test_tracker import noise
 
 from radalt.blocks.frame_segmenter import frame_segmenter
+from radalt.core.altimeter.altimeter import AltimeterSettings, shared_altimeter
 from radalt.core.channel.settings import ChannelSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.parsing import InputError
 from radalt.core.programme import Programme
-from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
-from radalt.core.receiver.leakage import (
+from radalt.core.returns.point import point_return
+from radalt.core.scene import SceneError, load_scene, parse_scene
+from radalt.core.timing.leakage import (
     FITTED_ABOVE_M,
     LEARN_ABOVE_M,
     NEAREST_M,
@@ -23,11 +25,9 @@ from radalt.core.receiver.leakage import (
     LeakageCanceller,
     ground_is_apart,
 )
-from radalt.core.receiver.leakage_file import leakage_canceller, load_leakage, store_leakage
-from radalt.core.receiver.segmenter import FrameSegmenter
-from radalt.core.receiver.tracker import AltitudeTracker, Status, TrackerSettings
-from radalt.core.returns.point import point_return
-from radalt.core.scene import SceneError, load_scene, parse_scene
+from radalt.core.timing.leakage_file import leakage_canceller, load_leakage, store_leakage
+from radalt.core.timing.segmenter import FrameSegmenter
+from radalt.core.tracker.tracker import AltitudeTracker, Status, TrackerSettings
 from radalt.core.waveform import Waveform, altitude_to_delay_s, exp_cycles
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.overlap.report import build_report

@@ -14,8 +14,8 @@ from gnuradio import blocks, gr, radalt
 from PIL import Image
 from waiting import ran_python
 
+from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
 from radalt.core.mitigation import METHODS, create
-from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
 from radalt.core.returns.point import point_return
 from radalt.core.scene import load_scene, parse_scene
 from radalt.core.scene.live import RangeProfile, by_hand

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.mitigation import METHODS, MitigationError, create
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

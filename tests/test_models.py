@@ -16,9 +16,9 @@ import pytest
 from google.protobuf.empty_pb2 import Empty
 from google.protobuf.unknown_fields import UnknownFieldSet
 
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
-from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

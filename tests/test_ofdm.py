@@ -7,6 +7,7 @@ import pytest
 
 from radalt.bench.frames import frames_of
 from radalt.bench.lists import load_list
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.stream import JammerStream
@@ -17,7 +18,6 @@ from radalt.core.mitigation.ofdm.return_estimation import ReturnEstimator
 from radalt.core.mitigation.ofdm.settings import SETTINGS
 from radalt.core.mitigation.ofdm.sync import find_prefix
 from radalt.core.mitigation.ofdm.tone_removal import without_tones
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

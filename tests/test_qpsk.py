@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.effects import ImpairedEmitter, Impairments
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
@@ -12,7 +13,6 @@ from radalt.core.interference.multipath import FadingChannel
 from radalt.core.mitigation import create
 from radalt.core.mitigation.qpsk.settings import DEFAULTS
 from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
-from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.scene import SceneError, parse_scene
 from radalt.core.waveform import Waveform

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.beat_spectra import Spectra
-from radalt.core.receiver.segmenter import FrameSegmenter
-from radalt.core.receiver.tracker import AltitudeTracker, Status
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
+from radalt.core.altimeter.beat_spectra import Spectra
 from radalt.core.returns.point import point_return
+from radalt.core.timing.segmenter import FrameSegmenter
+from radalt.core.tracker.tracker import AltitudeTracker, Status
 from radalt.core.waveform import Waveform
 
 W = Waveform()

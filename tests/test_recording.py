@@ -321,6 +321,9 @@ def test_a_rate_that_is_rounded_is_taken_and_said(tmp_path):
 
 
 DAMAGE = {  # of metadata and data
+    "core:datatype has 8 bytes a sample, and 5 are left over": lambda meta, data: meta["global"].update(
+        {"core:trailing_bytes": 3}
+    ),
     "core:author: 5 is not of type 'string'": lambda meta, data: meta["global"].update({"core:author": 5}),
     "0: core:sample_start: -1 is less": lambda meta, data: meta.update(captures=[{"core:sample_start": -1}]),
     "truncated": lambda meta, data: data.write_bytes(data.read_bytes()[:-4000]),

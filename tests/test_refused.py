@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
+from radalt.core.altimeter.cfar import Cfar
 from radalt.core.channel.settings import ChannelSettings, DropSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
@@ -14,11 +16,9 @@ from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.interference.multipath import FadingChannel
 from radalt.core.mitigation import create
 from radalt.core.programme import Programme
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.cfar import Cfar
-from radalt.core.receiver.segmenter import SegmenterSettings
-from radalt.core.receiver.tracker import AltitudeTracker, TrackerSettings
 from radalt.core.scene import Scene, parse_scene
+from radalt.core.timing.segmenter import SegmenterSettings
+from radalt.core.tracker.tracker import AltitudeTracker, TrackerSettings
 from radalt.core.waveform import Waveform
 
 W, NAN = Waveform(), float("nan")

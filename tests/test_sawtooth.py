@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.deramp.if_waveform import IfWaveform, white_noise
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.tracker import AltitudeTracker, Status, TrackerSettings
 from radalt.core.returns.point import point_return
 from radalt.core.scene import Scene
+from radalt.core.tracker.tracker import AltitudeTracker, Status, TrackerSettings
 from radalt.core.waveform import Waveform
 
 # 150 MHz in 7 ms, the whole period of a sawtooth: frames of two of them

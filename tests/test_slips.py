@@ -15,13 +15,13 @@ import pytest
 from gnuradio import blocks, gr, radalt
 
 from radalt.blocks._frames import time_tag
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.channel.settings import ChannelSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.placement import interference_frames
 from radalt.core.programme import Programme
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.segmenter import Frame, FrameSegmenter
 from radalt.core.scene import load_scene, parse_scene
+from radalt.core.timing.segmenter import Frame, FrameSegmenter
 from radalt.core.waveform import Waveform
 
 W = Waveform()

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from pages import assert_whole
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.interference.placement import interference_frames
 from radalt.core.mitigation import create
 from radalt.core.mitigation.base import Mitigation
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform

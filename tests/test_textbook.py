@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import binomtest
 
 from radalt.bench.textbook import THRESHOLD, textbook_altitudes
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.interference.placement import interference_frames
 from radalt.core.mitigation import create
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform

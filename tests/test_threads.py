@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from scipy.linalg import blas
 
-from radalt.core.receiver.decimator import Decimator
+from radalt.core.altimeter.decimator import Decimator
 
 
 def test_no_module_of_the_package_uses_a_thread_local(root):
@@ -49,7 +49,7 @@ def test_threads_that_share_a_decimator_share_no_scratch(monkeypatch):
     blocks = rng.standard_normal((count, 4, 2, 7500)).view(complex).astype(np.complex64)
     wanted = [decimated(decimator(), block) for block in blocks]
     shared, meet = decimator(), threading.Barrier(count)
-    monkeypatch.setattr("radalt.core.receiver.decimator.blas", MeetingBlas(meet))
+    monkeypatch.setattr("radalt.core.altimeter.decimator.blas", MeetingBlas(meet))
     with ThreadPoolExecutor(count) as pool:
         for _ in range(5):
             found = list(pool.map(lambda block: decimated(shared, block), blocks))

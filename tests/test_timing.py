@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from test_slips import received
 
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.channel.settings import ChannelSettings, DropSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.programme import Programme
-from radalt.core.receiver.altimeter import Altimeter
-from radalt.core.receiver.segmenter import Frame, FrameSegmenter, SegmenterSettings
+from radalt.core.timing.segmenter import Frame, FrameSegmenter, SegmenterSettings
 from radalt.core.waveform import Waveform
 
 W = Waveform()

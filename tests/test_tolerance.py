@@ -9,7 +9,7 @@ import pytest
 
 from radalt.core.deramp.profile import STANDINGS, load_profile, profile_names
 from radalt.core.parsing import InputError
-from radalt.core.receiver.tracker_settings import Status
+from radalt.core.tracker.tracker_settings import Status
 from radalt.studies.tolerance.command import main
 from radalt.studies.tolerance.criteria import HIGHEST_DBM, LOWEST_DBM, break_level, judged
 from radalt.studies.tolerance.interferers import INTERFERERS, MECHANISMS, NOT_ALONE, locked_m

@@ -5,15 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.placement import Interferer
 from radalt.core.interference.stream import JammerStream
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.integrator import Integrator
-from radalt.core.receiver.summed_block import Block
-from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
+from radalt.core.tracker.integrator import Integrator
+from radalt.core.tracker.summed_block import Block
+from radalt.core.tracker.tracker import AltitudeTracker, State, Status, TrackerSettings
 from radalt.core.waveform import Waveform, exp_cycles
 from radalt.evaluation.results.proportion import clopper_pearson
 

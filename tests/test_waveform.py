@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from radalt.core.receiver.cramer_rao import altitude_crb_m, beat_crb_hz
+from radalt.core.altimeter.cramer_rao import altitude_crb_m, beat_crb_hz
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform, exp_cycles
 

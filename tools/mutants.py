@@ -209,7 +209,7 @@ def module_of(file: Path) -> ModuleType | None:
 
 def main() -> None:
     """Mutate until the time is over; prints every mutant, and how many of each module were killed."""
-    rooms = ("receiver", "channel", "radio", "mitigation")
+    rooms = ("altimeter", "timing", "tracker", "channel", "radio", "mitigation")
     files = [f for room in rooms for f in sorted((CORE / room).rglob("*.py"))]
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
+from ..core.altimeter.altimeter import AltimeterSettings
 from ..core.mitigation import METHODS, Mitigation, create, name_method
 from ..core.parsing import InputError, build, shown
 from ..core.paths import model_path
-from ..core.receiver.altimeter import AltimeterSettings
 from ..core.scene import Scene
 from ..core.waveform import Waveform
 from ..evaluation.simulation import MethodPath
@@ -29,15 +29,8 @@ _Pairs = tuple[tuple[str, Any], ...]
 class Entry:
     """A method under the name that rows have for it.
 
-    Attributes
-    ----------
-    name, method : str
-    options : pairs
-        Of the method.
-    altimeter : pairs
-        Settings of the altimeter that differ from the case's.
-    detector : str
-        ``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty.
+    ``options``: of the method; ``altimeter``: settings of the altimeter that differ from the case's; ``detector``:
+    ``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty.
     """
 
     name: str

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.receiver.frame_quality import FrameQuality
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
 from ..evaluation.simulation import segmented
@@ -16,20 +16,9 @@ from .lists import Case
 class Frames:
     """Aligned frames of a case at a level: the preamble, which methods see as in the flowgraph, and the trials.
 
-    Attributes
-    ----------
-    scene : Scene
-    samples : (n, N) complex64
-    quality : (n,) of QUALITY_DTYPE
-    index : (n,) int
-        Frame numbers.
-    offset_s : (n,) float
-        Timing that the segmenter found.
-    trial : (n,) bool
-    truth_m : (trials,) float
-        Altitudes of the trials; infinite without a return, where none is right.
-    lost : int
-        Trials that the segmenter did not give.
+    ``samples`` (n, N) complex64; ``quality`` (n,) of QUALITY_DTYPE; ``index`` (n,) int: frame numbers; ``offset_s``
+    (n,) float: timing that the segmenter found; ``trial`` (n,) bool; ``truth_m`` (trials,) float: altitudes of the
+    trials; infinite without a return, where none is right; ``lost``: trials that the segmenter did not give.
     """
 
     scene: Scene

@@ -22,16 +22,11 @@ _AXES = ("sir_db", "sinr_db", "inr_db", "snr_db")  # of a grid, one of them
 class Grid:
     """Levels of a case from high to low on one axis, and when an entry is not run further.
 
-    Parameters
-    ----------
-    sir_db, sinr_db, inr_db, snr_db : tuple of float or str
-        Levels in decibels, or ``first:last:step``, such as ``0:-62.5:-2.5``: of the return over the interference, or
-        over interference and noise, of the interference over the noise, of the return over the noise. Default:
-        ``sir_db`` as in the example.
-    stop_below_pd : float
-        Pd below which a level counts as failed, 0..1; 0 runs every level.
-    stop_after : int
-        Failed levels in a row after which an entry is not run at lower ones.
+    - ``sir_db``, ``sinr_db``, ``inr_db``, ``snr_db``: levels in decibels, or ``first:last:step``, such as
+      ``0:-62.5:-2.5``: of the return over the interference, or over interference and noise, of the interference over
+      the noise, of the return over the noise. Default: ``sir_db`` as in the example.
+    - ``stop_below_pd``: Pd below which a level counts as failed, 0..1; 0 runs every level
+    - ``stop_after``: failed levels in a row after which an entry is not run at lower ones
     """
 
     sir_db: tuple[float, ...] | str | None = None
@@ -84,15 +79,8 @@ class Grid:
 class Case:
     """One scene under its name, at one overlap.
 
-    Attributes
-    ----------
-    name, title : str
-    overlap : float
-    scene : Scene
-        Without the level; `at` gives it.
-    grid : Grid
-    limit_m : float
-        Largest error of a right altitude: the paper's 5 m, or a quarter of the range cell where that is more.
+    ``scene``: without the level; `at` gives it. ``limit_m``: largest error of a right altitude: the paper's 5 m, or a
+    quarter of the range cell where that is more.
     """
 
     name: str
@@ -156,21 +144,9 @@ def load_list(
 ) -> CaseList:
     """Every case of a list at each of its overlaps.
 
-    Parameters
-    ----------
-    name : str or Path
-        Of a shipped list, or a YAML file.
-    frames : int or None
-        Frames of each level in place of the list's.
-    only : sequence of str
-        Names of cases; empty takes all.
-    salt : str
-        Changes every seed, for frames that nobody could have seen (``--confirm``).
-
-    Raises
-    ------
-    ValueError
-        One line: file, case, key, value and what is allowed.
+    ``name``: of a shipped list, or a YAML file; ``frames``: frames of each level in place of the list's; ``only``:
+    names of cases; empty takes all; ``salt``: changes every seed, for frames that nobody could have seen
+    (``--confirm``). Raises `ValueError`: file, case, key, value and what is allowed.
     """
     path = find_list(name)
     data = _extended(path)

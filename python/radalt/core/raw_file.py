@@ -57,10 +57,7 @@ def open_raw(path: Path, datatype: str = "", rate_hz: float | None = None) -> Ra
 
     ``datatype`` is that of raw samples, as in SigMF (``cf32_le``, ``ci16_le``, ``cu8``). Only a WAV states a rate.
 
-    Raises
-    ------
-    InputError
-        One line: what is missing, another container, or samples that are of another type.
+    Raises `InputError`: what is missing, another container, or samples that are of another type.
     """
     with path.open("rb") as file:
         first = file.read(_PART)

@@ -20,8 +20,8 @@ def summaries(
 ) -> dict[str, dict[str, float]]:
     """By entry: decibels held (mean over cases), wrong and valid, trials, milliseconds and FFTs per frame (medians).
 
-    Costs are those of ``turns``, where an entry took turns. Wrong altitudes are counted at the levels that every entry
-    ran: an entry that stops early has the easy ones only.
+    Costs are those of ``turns``, where an entry took turns. Wrong altitudes are counted at the levels that every
+    entry ran: an entry that stops early has the easy ones only.
     """
     found, out = curves(rows), {}
     timed = {row["entry"] for row in turns}

@@ -98,15 +98,9 @@ class OtherAltimeter:
 class Carrier:
     """A transmission of any emitter (`core.interference`), carried at an offset, computed only while the sweep is near.
 
-    Parameters
-    ----------
-    signal : Signal
-        Its samples about its own centre, mean power 1.
-    rate_hz : float
-        Rate of the signal: a multiple of the simulation rate, at least ``bandwidth_hz`` and twice the IF's stop band.
-    bandwidth_hz : float
-        Band that it occupies, about its centre.
-    offset_hz : float
+    ``signal``: its samples about its own centre, mean power 1; ``rate_hz``: rate of the signal: a multiple of the
+    simulation rate, at least ``bandwidth_hz`` and twice the IF's stop band; ``bandwidth_hz``: band that it occupies,
+    about its centre.
     """
 
     signal: Signal

@@ -18,15 +18,9 @@ _NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6
 class EnvelopeGain:
     """Gains of an amplifier under a strong signal.
 
-    Attributes
-    ----------
-    own : float
-        Gain of the strong signal's amplitude (of the part that correlates with it).
-    weak : float
-        Mean gain of a weak signal's amplitude.
-    modulation : float
-        Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
-        skirt as wide as the strong signal's band.
+    ``own``: gain of the strong signal's amplitude (of the part that correlates with it); ``weak``: mean gain of a
+    weak signal's amplitude; ``modulation``: variance of that gain over its square: the power of a weak line that the
+    strong envelope turns into a noise skirt as wide as the strong signal's band.
     """
 
     own: float
@@ -100,12 +94,8 @@ class Amplifier:
     def with_strong(self, power_dbm: float, *, constant_envelope: bool) -> EnvelopeGain:
         """Gains under a strong signal of a mean power.
 
-        Parameters
-        ----------
-        power_dbm : float
-            At the input.
-        constant_envelope : bool
-            A carrier or sweep; else complex Gaussian, as OFDM and noise are, whose power is exponential.
+        ``power_dbm``: at the input; ``constant_envelope``: a carrier or sweep; else complex Gaussian, as OFDM and
+        noise are, whose power is exponential.
         """
         power = 10 ** (power_dbm / 10)
         if constant_envelope:
@@ -138,14 +128,7 @@ def rectified_mw_per_hz(power_mw: float, iip2_dbm: float, bandwidth_hz: float) -
 
 @dataclass(frozen=True)
 class Bursts:
-    """Time-division duplex: a transmitter that is on for a share of every period.
-
-    Parameters
-    ----------
-    period_s : float
-    duty : float
-        0..1.
-    """
+    """Time-division duplex: a transmitter that is on for a share of every period. ``duty``: 0..1."""
 
     period_s: float
     duty: float
@@ -165,12 +148,8 @@ class Bursts:
 class Converter:
     """Gain control and analogue-to-digital converter of the IF.
 
-    Parameters
-    ----------
-    bits : int
-        Per rail, 4..24.
-    headroom_db : float
-        Full scale over the rms of a rail, which the gain control sets anew for every output.
+    ``bits``: per rail, 4..24; ``headroom_db``: full scale over the rms of a rail, which the gain control sets anew
+    for every output.
     """
 
     bits: int

@@ -22,12 +22,7 @@ _FACETS = 4000  # number of facets: 8 in the first metre of range at 5,000 ft
 class DiffuseGround:
     """Level ground that scatters without a specular part, with independent speckle per sweep.
 
-    Parameters
-    ----------
-    antenna : Antenna
-    ground : Reflectivity
-    forward_m_per_s : float
-        Horizontal speed: the Doppler of facets ahead and behind.
+    ``forward_m_per_s``: horizontal speed: the Doppler of facets ahead and behind.
     """
 
     antenna: Antenna
@@ -55,13 +50,8 @@ def facet_frame(
 ) -> np.ndarray:
     """(N,) complex64 sum of returns, each of one beat per half sweep.
 
-    Parameters
-    ----------
-    waveform : Waveform
-        Deramped.
-    range_m, range_rate_m_per_s : (m,) float
-        At the middle of the frame; the rate positive climbing.
-    amplitude : (m,) complex
+    ``waveform``: Deramped; ``range_m``, ``range_rate_m_per_s`` (m,) float: at the middle of the frame; the rate
+    positive climbing; ``amplitude`` (m,) complex.
     """
     w, half = waveform, waveform.samples_per_half
     delay = altitude_to_delay_s(range_m)

@@ -26,14 +26,11 @@ SIMULATION_FACTOR = 5
 class IfWaveform(Waveform):
     """A sweep whose frames are dechirped by the receiver: ``rate_hz`` is the IF's, and ``reference`` is all ones.
 
-    `Altimeter`, `AltitudeTracker` and methods of mitigation take it like any other waveform. Phases and frequencies are
-    those of the sweep on the air.
+    `Altimeter`, `AltitudeTracker` and methods of mitigation take it like any other waveform. Phases and frequencies
+    are those of the sweep on the air.
 
-    Parameters
-    ----------
-    pass_hz : float
-        Flat part of the IF filter, to either side of zero; > 0 and below ``rate_hz / 2``, from where on it is 80 dB
-        down.
+    ``pass_hz``: flat part of the IF filter, to either side of zero; > 0 and below ``rate_hz / 2``, from where on it
+    is 80 dB down.
 
     Examples
     --------

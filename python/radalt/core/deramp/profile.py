@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from scipy.constants import Boltzmann, foot
 
+from ..altimeter.altimeter import Altimeter, AltimeterSettings
 from ..parsing import InputError, load_yaml
 from ..parsing.mappings import build
 from ..paths import share_dir
-from ..receiver.altimeter import Altimeter, AltimeterSettings
-from ..receiver.summed_detector import CounterDetector, SummedDetector
-from ..receiver.tracker import AltitudeTracker
-from ..receiver.tracker_settings import TrackerSettings
 from ..returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
 from ..returns.terrain.antenna import GaussianAntenna
 from ..returns.terrain.ground import Reflectivity, reflectivity
+from ..tracker.summed_detector import CounterDetector, SummedDetector
+from ..tracker.tracker import AltitudeTracker
+from ..tracker.tracker_settings import TrackerSettings
 from ..waveform import SHAPES
 from .front_end import Amplifier, Converter
 from .if_waveform import IfWaveform
@@ -76,44 +76,33 @@ _LIMITS = {
 class Profile:
     """A deramping altimeter on an aircraft. The *port* is the receiver's input, behind the receive cable.
 
-    Parameters
-    ----------
-    name, about : str
-    sweep : str
-        ``triangle``, ``sawtooth_up``, ``sawtooth_down``.
-    detector : str
-        ``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`).
-    strategy : str
-        ``strongest`` or ``leading_edge``.
-    carrier_hz, bandwidth_hz, period_s : float
-        Centre, width and one whole period of the sweep: up and down of a triangle, one ramp of a sawtooth.
-    transmit_w, gain_dbi, beamwidth_deg, cable_db : float
-        Power; gain and -3 dB width of each antenna (Gaussian pattern); loss of each cable.
-    installation_delay_ft : float
-        Altitude of the installation's own delay, which the altimeter subtracts.
-    noise_figure_db, if_rate_hz, if_pass_hz : float
-        Receiver noise figure; rate of the IF samples; flat part of the IF filter, which is the channel filter.
-    preselector_hz, preselector_order : float
-        3 dB width about the carrier and order (Butterworth) of the filter before the amplifier.
-    p1db_dbm, iip3_dbm, iip2_dbm, isolation_db : float
-        `Amplifier` and `rectified`, referred to the amplifier's input; isolation from the transmitter's output to the
-        port. The IF's high-pass removes the static leakage, but not its modulation by a strong envelope.
-    lo_noise_dbc_per_hz, lo_far_noise_dbc_per_hz : float
-        Broadband phase noise of the transmitter, which is the local oscillator, within the sweep's band and outside it:
-        it mixes whatever is there into the IF.
-    recovery_s : float
-        Time constant with which the gain comes back after a burst.
-    converter_bits, headroom_db : float
-        `Converter`.
-    sweeps_per_output, pfa, max_altitude_ft, max_vertical_speed_m_per_s : float
-        Frames (two ramps each) per output, false alarms per output in noise, span, fastest climb.
-    unlock_loss_db : float
-        Loop loss from transmitter to port beyond which there is no computed data.
-    sigma0_db : float
-        Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up land.
-    other_altimeters, other_coupling_db : float
-        Further altimeters of this kind on the aircraft, and the loss from their transmitters to the port.
-    standing : dict of name -> (standing, source)
+    - ``sweep``: ``triangle``, ``sawtooth_up``, ``sawtooth_down``
+    - ``detector``: ``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`)
+    - ``strategy``: ``strongest`` or ``leading_edge``
+    - ``carrier_hz``, ``bandwidth_hz``, ``period_s``: centre, width and one whole period of the sweep: up and down of
+      a triangle, one ramp of a sawtooth
+    - ``transmit_w``, ``gain_dbi``, ``beamwidth_deg``, ``cable_db``: power; gain and -3 dB width of each antenna
+      (Gaussian pattern); loss of each cable
+    - ``installation_delay_ft``: altitude of the installation's own delay, which the altimeter subtracts
+    - ``noise_figure_db``, ``if_rate_hz``, ``if_pass_hz``: receiver noise figure; rate of the IF samples; flat part of
+      the IF filter, which is the channel filter
+    - ``preselector_hz``, ``preselector_order``: 3 dB width about the carrier and order (Butterworth) of the filter
+      before the amplifier
+    - ``p1db_dbm``, ``iip3_dbm``, ``iip2_dbm``, ``isolation_db``: `Amplifier` and `rectified`, referred to the
+      amplifier's input; isolation from the transmitter's output to the port. The IF's high-pass removes the static
+      leakage, but not its modulation by a strong envelope.
+    - ``lo_noise_dbc_per_hz``, ``lo_far_noise_dbc_per_hz``: broadband phase noise of the transmitter, which is the
+      local oscillator, within the sweep's band and outside it: it mixes whatever is there into the IF
+    - ``recovery_s``: time constant with which the gain comes back after a burst
+    - ``converter_bits``, ``headroom_db``: `Converter`
+    - ``sweeps_per_output``, ``pfa``, ``max_altitude_ft``, ``max_vertical_speed_m_per_s``: frames (two ramps each) per
+      output, false alarms per output in noise, span, fastest climb
+    - ``unlock_loss_db``: loop loss from transmitter to port beyond which there is no computed data
+    - ``sigma0_db``: reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s
+      built-up land
+    - ``other_altimeters``, ``other_coupling_db``: further altimeters of this kind on the aircraft, and the loss from
+      their transmitters to the port
+    - ``standing`` (dict of name -> (standing, source))
     """
 
     name: str
@@ -321,10 +310,7 @@ def profile_names() -> list[str]:
 def load_profile(name: str | Path) -> Profile:
     """A profile by path, or by the bare name of a shipped one.
 
-    Raises
-    ------
-    InputError
-        One line: file, key, value, what is allowed.
+    Raises `InputError`: file, key, value, what is allowed.
     """
     path = Path(name)
     if path.suffix not in (".yaml", ".yml"):

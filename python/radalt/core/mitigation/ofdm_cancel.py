@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..receiver.altimeter_settings import AltimeterSettings
+from ..altimeter.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.arrays import power
@@ -37,43 +37,29 @@ class OfdmCancel(Mitigation):
     channel. Then soft decisions, the noise that they leave, phases, timing and channel are estimated in turns, from
     elements that no return can be in, five of six. A transmitter's error vectors are noise like any other here: gates
     are ratios to the noise that was measured. The rebuilt emitter is subtracted. The return that shows then is taken
-    out of the elements, and a second pass decides those that it had hidden. What is left has to be consistent with one
-    return and white noise, else the frame passes as it came. Once found, an emitter is tracked from frame to frame.
-    Frames without such a signal pass bit for bit. Short loud bursts are blanked; tones on top are fitted and
+    out of the elements, and a second pass decides those that it had hidden. What is left has to be consistent with
+    one return and white noise, else the frame passes as it came. Once found, an emitter is tracked from frame to
+    frame. Frames without such a signal pass bit for bit. Short loud bursts are blanked; tones on top are fitted and
     subtracted. What cannot be demodulated stays: noise 10 dB below the signal or more, two layers of equal power.
 
-    Parameters
-    ----------
-    span_m : float or None
-        Highest altitude whose return must not be taken for data, above 0; None is the default altimeter's.
-    drop_when_slow : bool
-        Whether frames are dropped where the method is too slow: after some searches in vain fewer frames are searched.
-    settings : OfdmSettings
-        Numbers of the receiver, for studies.
-
-    Attributes
-    ----------
-    found, tracked : int
-        Frames in which an emitter was acquired by search, and in which it was tracked from the frame before.
-    outcome : Outcome
-        Of the last frame that `cancel` was given.
-    outcomes : list of Outcome
-        One per finite frame of the last call of `process`.
-
-    Notes
-    -----
     What is used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the
-    constellations. No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a
-    symbol is a whole number of samples. No frame costs more than some 600 FFTs of 7,500 points. The algorithm stands in
-    the modules of ``ofdm/``; `ofdm.iterative_receiver` has the walk of a frame.
+    constellations. No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that
+    a symbol is a whole number of samples. No frame costs more than some 600 FFTs of 7,500 points. The algorithm
+    stands in the modules of ``ofdm/``; `ofdm.iterative_receiver` has the walk of a frame.
 
-    What `Hybrid` uses: ``cancel(frame, search=...)``, ``tracking`` and ``outcome``. Nothing else of this class is meant
-    for other methods.
+    What `Hybrid` uses: ``cancel(frame, search=...)``, ``tracking`` and ``outcome``. Nothing else of this class is
+    meant for other methods.
 
-    Raises
-    ------
-    MitigationError
-        If the rate does not fit or ``span_m`` is out of range.
+    - ``span_m``: highest altitude whose return must not be taken for data, above 0; None is the default altimeter's
+    - ``drop_when_slow``: whether frames are dropped where the method is too slow: after some searches in vain fewer
+      frames are searched
+    - ``settings``: numbers of the receiver, for studies
+    - ``found``, ``tracked``: frames in which an emitter was acquired by search, and in which it was tracked from the
+      frame before
+    - ``outcome``: of the last frame that `cancel` was given
+    - ``outcomes``: one per finite frame of the last call of `process`
+
+    Raises `MitigationError` if the rate does not fit or ``span_m`` is out of range.
     """
 
     name = "ofdm_cancel"

@@ -20,7 +20,7 @@ from ..text import one_line
 from .scene import Scene
 from .sections import MOST_SIR_DB
 
-_MOST_SIR_DB = 200.0  # largest magnitude of an SIR, dB: the bound of every quantity in decibels
+_LEAST_SIR_DB = -200.0  # lowest SIR, dB: the bound of every quantity in decibels
 # keys that name files, with the folder of shipped ones; None: there is none, and it has to be at hand
 _FILES = {
     r"interference(\.\d+)?\.recording\.file|method_options\.[^.]+\.(model|file)|landing\.folder": None,
@@ -49,7 +49,11 @@ def load_scene(name: str | Path) -> Scene:
         path = scene_path(name)
         near = did_you_mean(name, scene_names())
         data = load_yaml(path, what="scene", remedy=f"{near}give a YAML file or a shipped scene's name")
-    except (OSError, ValueError) as error:  # InputError, a NUL or thousands of letters in the name
+    except (
+        OSError,
+        TypeError,
+        ValueError,
+    ) as error:  # InputError, no text, a NUL or thousands of letters in the name
         if isinstance(error, InputError):
             raise SceneError(str(error)) from None
         reason = getattr(error, "strerror", None) or error
@@ -168,9 +172,11 @@ def scene_from_parameters(
             raise SceneError(
                 f"{key} is {shown(value)}; give a number, or scene for the scene's own"
             ) from None
-    if not abs(changes.get("sir_db", 0.0)) <= _MOST_SIR_DB:
+    level_db = changes.get("sir_db", 0.0)
+    if not _LEAST_SIR_DB <= level_db <= MOST_SIR_DB:
         raise SceneError(
-            f"sir_db is {sir_db}; it has to be within -{_MOST_SIR_DB:g}..{_MOST_SIR_DB:g}, or scene for the scene's own"
+            f"sir_db is {level_db:g}; it has to be within {_LEAST_SIR_DB:g}..{MOST_SIR_DB:g}, or scene for the scene's "
+            "own" + f": did you mean {-level_db:g}?" * (level_db > MOST_SIR_DB)
         )
     scene = name if isinstance(name, Scene) else load_scene(name)
     try:

@@ -30,8 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure and store; returns 0, or 2 after one line about what does not fit."""
     args = _parser().parse_args(argv)
 
-    from ...core.receiver.leakage_file import store_leakage
     from ...core.scene import load_scene
+    from ...core.timing.leakage_file import store_leakage
     from ..radios.leakage_calibration import calibrate_leakage
 
     found = calibrate_leakage(load_scene(args.scene), args.frames)

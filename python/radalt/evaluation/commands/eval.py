@@ -26,7 +26,7 @@ from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
 from ...core.paths import no_gnu_radio, remedy
-from ..engine.options import Options, Parser, add_options, command, complain, number, options_of, path
+from ..engine.options import Options, Parser, add_options, command, complain, named, number, options_of, path
 from ..engine.own import add_own, own_methods
 
 PROGRAM, COMMAND = "ota_eval", "eval"
@@ -192,7 +192,7 @@ def _calibrate(args: argparse.Namespace) -> int:
     scene = _scene(args)
     _require_radios(scene, 1)
     latency, path = calibrate(scene, transmit=args.transmit)
-    print(f"{PROGRAM}: latency {latency:.3f} samples -> {path}")
+    print(f"{named(PROGRAM)}: latency {latency:.3f} samples -> {path}")
     return 0
 
 
@@ -236,7 +236,7 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name must not leave results/
         options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
-    print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
+    print(f"{named(PROGRAM)}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_pd)
 
 

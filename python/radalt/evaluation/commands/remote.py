@@ -9,7 +9,7 @@ Runs in real time without end. Endpoints are on loopback by default; there is no
 
 from collections.abc import Sequence
 
-from ..engine.options import Parser, command, names_of, number
+from ..engine.options import Parser, command, named, names_of, number
 
 PROGRAM, COMMAND = "ota_remote", "remote"
 
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         keep_alive_s=args.keep_alive_s,
         sim=args.sim,
         transmit=args.transmit,
-        log=lambda line: print(f"{PROGRAM}: {line}", flush=True),
+        log=lambda line: print(f"{named(PROGRAM)}: {line}", flush=True),
     )
-    print(f"{PROGRAM}: frames {state['frames']}, dropped {state['segmenter']['dropped_slow']}")
+    print(f"{named(PROGRAM)}: frames {state['frames']}, dropped {state['segmenter']['dropped_slow']}")
     return 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..results.folder import FolderError, RunFolder
 from ..results.table import counted
-from .options import EXPECTED, Options, Terminated, complain, duration
+from .options import EXPECTED, Options, Terminated, complain, duration, named
 from .publish import check_target, publish
 from .run import Progress, head_of, run
 from .study import Study
@@ -71,7 +71,7 @@ def main(
     The status is 0, 2 after one line about an error, 130 when interrupted, 143 when terminated. ``after`` is called
     with the result folder, prints a summary, and may return another status.
     """
-    begin = time.monotonic()
+    begin, program = time.monotonic(), named(program)
     bar = Bar(describe)
     try:
         if not isinstance(study, Study):

@@ -40,7 +40,7 @@ def complain(program: str, error: object) -> None:
     text = said(error) if isinstance(error, BaseException) else str(error)
     if isinstance(error, ImportError) and (error.name or "").split(".")[0] in ("gnuradio", "pmt"):
         text = no_gnu_radio()
-    print(one_line(f"{program}: {text}"), file=sys.stderr)
+    print(one_line(f"{named(program)}: {text}"), file=sys.stderr)
 
 
 def number(kind: type, low: float, high: float) -> Callable[[str], float]:
@@ -166,12 +166,16 @@ class Options:
     publish: Path | None = None  # folder for the study's page, figures and data under their stable names
 
 
+def named(program: str) -> str:
+    """Name of a program in its messages: ``radalt eval`` if called so (evaluation/programs.py), else its script's."""
+    return sys.argv[0] if sys.argv[0].startswith("radalt ") else program
+
+
 def typed(program: str) -> str:
     """Command of a program for the user: ``radalt eval`` if called so, else its script."""
-    called = sys.argv[0]  # see evaluation/programs.py
-    if called.startswith("radalt "):
-        return called
-    folder = Path(called).resolve().parent.name
+    if named(program) != program:
+        return named(program)
+    folder = Path(sys.argv[0]).resolve().parent.name
     folder = folder if folder in ("tools", "training") else "flowgraphs"
     return f"{'PYTHONPATH=python ' * (folder == 'training')}.venv/bin/python {folder}/{program}.py"
 

@@ -56,18 +56,9 @@ def draw_pd(
 ) -> Any:
     """Pd with 95 % Wilson intervals against overlap, a panel for each SIR, or against SIR, a panel for each overlap.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Rows of a report; a key ``series`` overrides ``method`` as the label.
-    path : Path or None
-        PNG to write; None leaves the returned figure to pyplot.
-    title : str
-        Title of the figure.
-    ceiling : float, optional
-        Pd without interference and without mitigation, drawn as a line.
-    against : str
-        ``"overlap"`` or ``"sir_db"``.
+    ``rows``: rows of a report; a key ``series`` overrides ``method`` as the label; ``path``: PNG to write; None
+    leaves the returned figure to pyplot. ``title``: title of the figure; ``ceiling``: Pd without interference and
+    without mitigation, drawn as a line; ``against``: ``"overlap"`` or ``"sir_db"``.
     """
 
     def dress(axis: Any, mine: Sequence[Row]) -> None:

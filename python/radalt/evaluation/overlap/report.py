@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ...core.receiver.cramer_rao import altitude_crb_m
+from ...core.altimeter.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
 from ..engine.study import Run
 from ..flowgraph import FlowgraphError

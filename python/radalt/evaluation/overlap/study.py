@@ -15,8 +15,8 @@ from ...core.interference.emitters.recording import RecordingEmitter
 from ...core.mitigation import CUSTOM, METHODS, MitigationError, create
 from ...core.mitigation.onnx_network import network_files
 from ...core.mitigation.tcae import default_model_path
-from ...core.receiver.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
+from ...core.timing.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ..engine.study import Point, Run, Study
 from ..results.folder import RunFolder
 from ..results.rows import Columns, bits
@@ -47,8 +47,8 @@ def check_scene(scene: Scene) -> None:
 
     Raises SceneError, MitigationError, one line.
     """
+    from ...core.altimeter.altimeter import shared_altimeter
     from ...core.channel.simulated import SimulatedChannel
-    from ...core.receiver.altimeter import shared_altimeter
 
     try:
         programme = scene.altitude.programme

@@ -189,15 +189,14 @@ class RunFolder:
         self.rejected: list[str] = []  # lines that are cut, changed or of another run; their points are measured again
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
-        if dry:
-            there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
-            if not os.access(there, os.W_OK | os.X_OK):
-                raise FolderError(f"--out {path} cannot be written ({there} is not writable); name another folder")
-            if there == path:
-                self._check_files()
-                self._claim(resume, holds)
-            return
         try:
+            if dry:  # file systems such as /proc and the user root ignore permissions: only an attempt tells
+                there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+                tempfile.TemporaryDirectory(dir=there).cleanup()
+                if there == path:
+                    self._check_files()
+                    self._claim(resume, holds)
+                return
             path.mkdir(parents=True, exist_ok=True)
             self._check_files()
             self._lock = (path / _LOCK).open("a")

@@ -42,17 +42,8 @@ def write_result(
 ) -> Path:
     """Write ``report.md``, ``report.html`` and ``report.json``; returns the path of ``report.md``.
 
-    Parameters
-    ----------
-    folder : RunFolder
-    template : Path
-        ``.md.j2``.
-    run : mapping
-        A `Run` as a dict.
-    report : mapping
-        Content of ``report.json`` besides the folder's head and the run.
-    values : mapping
-        Further values of the template, such as tables.
+    ``template``: ``.md.j2``; ``run``: a `Run` as a dict; ``report``: content of ``report.json`` besides the folder's
+    head and the run; ``values``: further values of the template, such as tables.
     """
     report = folder.head | {"run": run} | report
     page = write_pages(folder, template, report | values)

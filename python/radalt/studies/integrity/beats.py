@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...core.receiver.altimeter import Altimeter
+from ...core.altimeter.altimeter import Altimeter
 from ...core.returns.terrain.synthesis import NODE_STEP, _interpolator
 from ...core.waveform import C_M_PER_S, exp_cycles
 from .cases import WAVEFORM

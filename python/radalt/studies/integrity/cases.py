@@ -95,21 +95,13 @@ STRATA = {  # strata of the rates per flight hour, and the kinds in them
 class Case:
     """Conditions of a flight.
 
-    Attributes
-    ----------
-    kind, name : str
-        ``kind`` is one of `KINDS`; ``name`` is unique and seeds the flights.
-    scene : str
-        Shipped scene whose interferers transmit (for the kind ``gnuradio`` the transmitter); empty for none.
-    overlap, sir_db, snr_db : float
-        Levels are against a return of unit power, whether there is one or not.
-    ground : bool
-        Whether there is a return of the ground.
-    value : float
-        Size of the fault: metres, dB, share of frames, parts per million, rail over RMS.
-    known : str
-        The limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the claim;
-        empty inside it.
+    - ``kind``, ``name``: ``kind`` is one of `KINDS`; ``name`` is unique and seeds the flights
+    - ``scene``: shipped scene whose interferers transmit (for the kind ``gnuradio`` the transmitter); empty for none
+    - ``overlap``, ``sir_db``, ``snr_db``: levels are against a return of unit power, whether there is one or not
+    - ``ground``: whether there is a return of the ground
+    - ``value``: size of the fault: metres, dB, share of frames, parts per million, rail over RMS
+    - ``known``: the limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the
+      claim; empty inside it
     """
 
     kind: str

@@ -31,14 +31,9 @@ _FAULTY += ("pull_off", "frozen", "gear")
 class Flight:
     """A flight by frame.
 
-    Attributes
-    ----------
-    middle_m, end_m, speed_m_per_s : (frames,) float arrays
-        Altitude at the middle and at the end of each frame, NaN without a return, and vertical speed.
-    fault_frame : int or None
-        First frame of the fault, if there is one.
-    land : Land or None
-        Source of the echoes of land.
+    ``middle_m``, ``end_m``, ``speed_m_per_s`` (frames,) float: altitude at the middle and at the end of each frame,
+    NaN without a return, and vertical speed; ``fault_frame``: first frame of the fault, if there is one; ``land``:
+    source of the echoes of land.
     """
 
     middle_m: np.ndarray

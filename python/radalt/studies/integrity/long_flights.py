@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.receiver.altimeter import Spectra
+from ...core.altimeter.altimeter import Spectra
 from ...core.returns.terrain import (
     AircraftState,
     GaussianAntenna,

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
-from ...core.receiver.frame_quality import FrameQuality
-from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
+from ...core.altimeter.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
+from ...core.altimeter.frame_quality import FrameQuality
+from ...core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain, method_of
@@ -126,19 +126,11 @@ class IntegrityPoint(Point):
 class IntegrityStudy(ChainStudy):
     """The campaign.
 
-    Attributes
-    ----------
-    methods : tuple of str
-        The headline's method is `tcae`, or the last if `tcae` is not among them.
-    kinds : tuple of str
-        Names in `cases.KINDS`.
-    frames : int
-        Frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many.
-    allowed_m_per_s : float
-        Vertical speed that altimeter and tracker allow; up to 10 m/s are flown.
-    parts : int
-        Flights through each case. No row depends on it, so that a run can be resumed with more.
-    seed : int
+    - ``methods``: the headline's method is `tcae`, or the last if `tcae` is not among them
+    - ``kinds``: names in `cases.KINDS`
+    - ``frames``: frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many
+    - ``allowed_m_per_s``: vertical speed that altimeter and tracker allow; up to 10 m/s are flown
+    - ``parts``: flights through each case. No row depends on it, so that a run can be resumed with more.
     """
 
     methods: tuple[str, ...] = ("none", "whitening", "tcae", "hybrid")

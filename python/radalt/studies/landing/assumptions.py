@@ -17,14 +17,8 @@ from .config import LandingConfig
 class Assumption:
     """A study changed in one assumption.
 
-    Attributes
-    ----------
-    name, group, text : str
-        Key, part of the table, and the assumption in words.
-    change : callable
-        From the study to the changed one.
-    shift_db : float
-        Added to the study's SIR.
+    ``name``, ``group``, ``text``: key, part of the table, and the assumption in words; ``change``: from the study to
+    the changed one; ``shift_db``: added to the study's SIR.
     """
 
     name: str

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ...core.receiver.altimeter import RESULT_DTYPE
+from ...core.altimeter.altimeter import RESULT_DTYPE
 from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result

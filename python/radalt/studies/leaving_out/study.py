@@ -70,14 +70,7 @@ _COLUMNS = Columns(
 class LeavingOutStudy(Study):
     """Scenes as planned and with everything built, by turns.
 
-    Attributes
-    ----------
-    frames : int
-        Frames at each altitude.
-    repeats : int
-        Runs of each.
-    scenes : tuple of str
-        Names in `SCENES` and `CHECKED`.
+    ``frames``: frames at each altitude; ``repeats``: runs of each; ``scenes``: names in `SCENES` and `CHECKED`.
     """
 
     frames: int = 100

@@ -31,14 +31,9 @@ print(longest, total)
 class Outside:
     """Findings of one run.
 
-    Attributes
-    ----------
-    steal_s : float
-        Core seconds that the host of a virtual machine took, as the kernel counts them; NaN where it does not.
-    longest_ms : tuple of float
-        By core: the latest wake-up of a process that only sleeps.
-    total_ms : tuple of float
-        By core: the sum of lateness above 20 ms.
+    ``steal_s``: core seconds that the host of a virtual machine took, as the kernel counts them; NaN where it does
+    not. ``longest_ms``: by core: the latest wake-up of a process that only sleeps; ``total_ms``: by core: the sum of
+    lateness above 20 ms.
     """
 
     steal_s: float

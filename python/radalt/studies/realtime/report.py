@@ -21,13 +21,8 @@ _COLOURS = ("#0072B2", "#E69F00")  # Okabe and Ito
 class Benchmark:
     """A measurement and its unit.
 
-    Attributes
-    ----------
-    measured : Measurement
-    fft_s : float
-        CPU seconds of one FFT of a frame, measured before and after the run.
-    alone_s : dict of name -> float
-        CPU seconds per frame of each block's function in a loop (`alone_seconds`); may be empty.
+    ``fft_s``: CPU seconds of one FFT of a frame, measured before and after the run; ``alone_s``: CPU seconds per
+    frame of each block's function in a loop (`alone_seconds`); may be empty.
     """
 
     measured: Measurement

@@ -58,13 +58,8 @@ class StabilityPoint(Point):
 class StabilityStudy(ChainStudy):
     """Cases and checks for a number of chains.
 
-    Attributes
-    ----------
-    chains : tuple of Chain
-    groups : tuple of str
-        Names in `cases.GROUPS`.
-    checked : tuple of str
-        Methods whose determinism and flowgraph are checked, besides long runs; empty leaves all checks out.
+    ``groups``: names in `cases.GROUPS`; ``checked``: methods whose determinism and flowgraph are checked, besides
+    long runs; empty leaves all checks out.
     """
 
     chains: tuple[Chain, ...]

@@ -38,21 +38,14 @@ STYLES = (
 class Pooled:
     """Break-point of one interferer, method and altitude over all seeds.
 
-    Attributes
-    ----------
-    mean, half : float
-        Mean, and half width of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in dBm at the port;
-        NaN if no seed has a break-point.
-    open : int
-        Number of seeds without a break-point.
-    highest : int
-        Highest level searched.
-    clean : bool
-        Whether the altimeter works without interference.
-    flux, margin : float
-        The mean as power flux density in dBW/m^2/MHz, and in dB above Table 1 (NaN where that does not apply).
-    first : str
-        Criteria that failed first in any seed.
+    - ``mean``, ``half``: mean, and half width of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in
+      dBm at the port; NaN if no seed has a break-point
+    - ``open``: number of seeds without a break-point
+    - ``highest``: highest level searched
+    - ``clean``: whether the altimeter works without interference
+    - ``flux``, ``margin``: the mean as power flux density in dBW/m^2/MHz, and in dB above Table 1 (NaN where that
+      does not apply)
+    - ``first``: criteria that failed first in any seed
     """
 
     mean: float

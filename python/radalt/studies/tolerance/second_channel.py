@@ -10,7 +10,7 @@ from scipy import fft, ndimage
 
 from ...core.deramp.front_end import Amplifier
 from ...core.deramp.if_waveform import IfWaveform
-from ...core.receiver.summed_detector import SummedDetector
+from ...core.tracker.summed_detector import SummedDetector
 
 DELAY_S = 3e-9  # path difference of 0.9 m between the antennas (assumed)
 GAIN_DB, RETURN_DB = (
@@ -44,12 +44,7 @@ def unlike_share(amplifier: Amplifier, power_dbm: float) -> float:
 class Canceller:
     """Takes out of the first channel what the second has in common with it.
 
-    Parameters
-    ----------
-    waveform : IfWaveform
-    sweeps : int
-        Frames over which the return's beat is found.
-    max_altitude_m : float
+    ``sweeps``: frames over which the return's beat is found.
     """
 
     def __init__(self, waveform: IfWaveform, sweeps: int, max_altitude_m: float) -> None:

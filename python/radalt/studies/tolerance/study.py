@@ -56,15 +56,7 @@ class TolerancePoint(Point):
 class Trial:
     """One realisation of noise and interference, at any level, over one altitude at a time.
 
-    Parameters
-    ----------
-    profile : Profile
-    interferer, method : str
-    outputs : int
-        Outputs that the criteria count.
-    seed : int
-    ground : str
-        ``point`` or ``diffuse``.
+    ``outputs``: outputs that the criteria count; ``ground``: ``point`` or ``diffuse``.
     """
 
     def __init__(
@@ -217,20 +209,11 @@ COLUMNS = Columns(
 class ToleranceStudy(Study):
     """A grid of altimeters, interferers, methods, altitudes and seeds.
 
-    Attributes
-    ----------
-    profiles : tuple of str
-        Paths, or names of shipped profiles.
-    interferers, methods : tuple of str
-    altitudes_ft : tuple of float
-    outputs : int
-        Outputs that every criterion counts: the duration of a trial.
-    seeds : int
-        Realisations 1, 2, ...
-    ground : str
-        ``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``.
-    decompose : bool
-        Measure interferers outside the band also with each of `MECHANISMS` alone, and without it.
+    - ``profiles``: paths, or names of shipped profiles
+    - ``outputs``: outputs that every criterion counts: the duration of a trial
+    - ``seeds``: Realisations 1, 2, ...
+    - ``ground``: ``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``
+    - ``decompose``: measure interferers outside the band also with each of `MECHANISMS` alone, and without it
     """
 
     profiles: tuple[str, ...]

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import LARGEST, InputError, check_file, check_range, shown
+from ...parsing import LARGEST, InputError, check_file, setting, shown
 from ...raw_file import RawFile, open_raw
 from ...sigmf_file import SigmfFile, open_sigmf
 from ..own_noise import MOST_DB, prefix_snr_db
@@ -19,6 +19,9 @@ from . import NamedEmitter, register
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
+_LEAST_HZ = (
+    100.0  # least frequency shift but 0, Hz: megahertz written as hertz, within a bin or two of ``seconds``
+)
 _RATES_HZ = (1e3, 1e9)  # sample rates that are read, Hz
 _REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
 # Smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB).
@@ -30,21 +33,6 @@ _FOLDED = 1e-7
 class RecordingEmitter(NamedEmitter):
     """Samples of a file behind the radar's receiver filter: emitter protocol, mean power 1.
 
-    Parameters
-    ----------
-    file : str
-        A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
-        ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``.
-    offset_hz : float
-        Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
-        over ``seconds``.
-    start_s, seconds : float
-        Part of the file in use, at most 1 s. It repeats.
-    rate_hz : float or None
-        Sample rate; SigMF and WAV state theirs.
-    datatype : str
-        Format of raw samples as in SigMF: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``.
-
     Raises
     ------
     ValueError
@@ -53,25 +41,32 @@ class RecordingEmitter(NamedEmitter):
     Notes
     -----
     A recording contains the noise of its receiver, which demodulation cannot remove. An estimate of it becomes a note
-    of the report, next to licence, author and description from the metadata. The file is opened when samples are first
-    needed.
+    of the report, next to licence, author and description from the metadata. The file is opened when samples are
+    first needed.
     """
 
     scene_name: ClassVar[str] = "recording"
     unit_power: ClassVar[bool] = True
 
     file: str = ""
-    offset_hz: float = 0.0
-    start_s: float = 0.0
-    seconds: float = 0.1
-    rate_hz: float | None = None
+    """A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
+    ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``."""
+    offset_hz: float = setting(0.0, -LARGEST, LARGEST, _LEAST_HZ)
+    """Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
+    over ``seconds``."""
+    start_s: float = setting(0.0, 0.0, LARGEST)
+    """Start of the part of the file in use."""
+    seconds: float = setting(0.1, 1e-4, _MOST_S)
+    """Length of that part, which repeats."""
+    rate_hz: float | None = setting(None, *_RATES_HZ)
+    """Sample rate; SigMF and WAV state theirs."""
     datatype: str = ""
+    """Format of raw samples as in SigMF: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.file:
             raise ValueError("recording.file is missing; name a .sigmf-meta file, or raw samples")
-        check_range("recording", self, start_s=(0.0, LARGEST), seconds=(1e-4, _MOST_S), rate_hz=_RATES_HZ)
-        check_range("recording", self, offset_hz=(-LARGEST, LARGEST))
 
     @property
     def label(self) -> str:

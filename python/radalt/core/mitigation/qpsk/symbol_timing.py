@@ -14,12 +14,8 @@ from .settings import QpskSettings
 class SymbolTiming:
     """The line that symbols leave in the product of neighbouring samples.
 
-    Attributes
-    ----------
-    rate : float
-        Symbols per sample.
-    instant : float
-        Sample at which the line peaks, near the middle of the frame; symbols lie at a fixed distance from it.
+    ``rate``: symbols per sample; ``instant``: sample at which the line peaks, near the middle of the frame; symbols
+    lie at a fixed distance from it.
     """
 
     rate: float

@@ -22,22 +22,13 @@ _MAX_OFF_NADIR_DEG = 60.0
 class GroundReturn:
     """One frame of the return, and its truth.
 
-    Parameters
-    ----------
-    frame : (N,) complex128 array
-        Received signal in square-root watts, without noise.
-    time_s : float
-        Instant of the frame's middle, to which every truth belongs.
-    height_m : float
-        Height of the antenna above the terrain vertically below it.
-    nearest_m : float
-        Range of the nearest visible facet; below ``height_m`` over sloping ground.
-    climb_m_per_s : float
-        Rate of ``height_m``: vertical speed less the terrain's rise along the track.
-    power_w : float
-        Expected received power, the mean over speckle.
-    noise_w : float
-        Thermal noise in the sample rate.
+    - ``frame`` (N,) complex128: received signal in square-root watts, without noise
+    - ``time_s``: instant of the frame's middle, to which every truth belongs
+    - ``height_m``: height of the antenna above the terrain vertically below it
+    - ``nearest_m``: range of the nearest visible facet; below ``height_m`` over sloping ground
+    - ``climb_m_per_s``: rate of ``height_m``: vertical speed less the terrain's rise along the track
+    - ``power_w``: expected received power, the mean over speckle
+    - ``noise_w``: Thermal noise in the sample rate
     """
 
     frame: np.ndarray
@@ -58,24 +49,14 @@ class GroundReturn:
 class TerrainReturn:
     """Terrain return of one radar over one terrain: constructed once, called once per frame.
 
-    Parameters
-    ----------
-    terrain : TerrainModel
-        `Terrain` of DTED cells, or `FlatTerrain`.
-    waveform : Waveform
-        The sweep; its ``carrier_hz`` sets wavelength and Doppler.
-    antenna : Antenna
-        One pattern for both directions.
-    ground : Reflectivity
-        sigma0 by incidence.
-    link : RadarLink
-        Powers and losses.
-    grid : GroundGrid
-        Earth-fixed scatterers and their seed.
-    footprint_db : float
-        Facets are sampled out to the angle at which the two-way gain is this far below its peak.
-    tilt_deg : float
-        Boresight tilt towards the nose, to level an antenna on a nose-up aircraft.
+    - ``terrain``: `Terrain` of DTED cells, or `FlatTerrain`
+    - ``waveform``: the sweep; its ``carrier_hz`` sets wavelength and Doppler
+    - ``antenna``: one pattern for both directions
+    - ``ground``: sigma0 by incidence
+    - ``link``: powers and losses
+    - ``grid``: earth-fixed scatterers and their seed
+    - ``footprint_db``: facets are sampled out to the angle at which the two-way gain is this far below its peak
+    - ``tilt_deg``: boresight tilt towards the nose, to level an antenna on a nose-up aircraft
 
     Examples
     --------
@@ -118,17 +99,8 @@ class TerrainReturn:
     def __call__(self, state: AircraftState, *, frame_index: int = 0) -> GroundReturn:
         """Frame whose middle falls on the state's instant.
 
-        Parameters
-        ----------
-        state : AircraftState
-            Position, velocity, attitude.
-        frame_index : int
-            Sweep number, see `synthesise`.
-
-        Raises
-        ------
-        TerrainError
-            If the aircraft is below ground, or terrain under the footprint is missing or void.
+        ``state``: position, velocity, attitude; ``frame_index``: sweep number, see `synthesise`. Raises
+        `TerrainError` if the aircraft is below ground, or terrain under the footprint is missing or void.
         """
         facets, power = self.facets(state)
         seen = power > 1e-7 * power.max()

@@ -44,16 +44,9 @@ class FlatTerrain:
 class DtedCell:
     """Posts of one DTED file.
 
-    Parameters
-    ----------
-    south_deg, west_deg : float
-        Corner of the south-west post.
-    step_lat_deg, step_lon_deg : float
-        Post spacing.
-    elevation_m : (n_lon, n_lat) float array
-        Elevations above mean sea level; NaN marks a void.
-    source : str
-        File name, for messages.
+    ``south_deg``, ``west_deg``: Corner of the south-west post; ``step_lat_deg``, ``step_lon_deg``: post spacing;
+    ``elevation_m`` (n_lon, n_lat) float: Elevations above mean sea level; NaN marks a void. ``source``: file name,
+    for messages.
     """
 
     south_deg: float
@@ -77,18 +70,9 @@ class DtedCell:
     def load(cls, path: Path | str, *, void: str = "error") -> "DtedCell":
         """Read a DTED file of level 0, 1 or 2 through the `dted` library.
 
-        Parameters
-        ----------
-        path : path
-            The file.
-        void : str
-            ``"error"`` keeps voids, and a query that needs one raises; ``"fill"`` fills each with the value
-            of the nearest post that has data.
-
-        Raises
-        ------
-        TerrainError
-            If the file is missing, damaged (header, length or checksum), or holds nothing but voids.
+        ``path``: the file; ``void``: ``"error"`` keeps voids, and a query that needs one raises; ``"fill"`` fills
+        each with the value of the nearest post that has data. Raises `TerrainError` if the file is missing, damaged
+        (header, length or checksum), or holds nothing but voids.
         """
         dted = extra("dted")
 
@@ -172,8 +156,8 @@ def _blend(a: np.ndarray, b: np.ndarray, fraction: np.ndarray) -> np.ndarray:
 class Terrain:
     """Several DTED cells side by side; on a shared edge the first cell is used.
 
-    Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all
-    cells, or one that needs a void post, raises `TerrainError`.
+    Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all cells, or
+    one that needs a void post, raises `TerrainError`.
 
     Examples
     --------

@@ -59,15 +59,17 @@ class BeyondSpan:
         self._below = reach + _MARGIN_CELLS  # cells of negative beats: a return at 0 m and its Doppler
         top = float(waveform.altitude_to_beat_hz(max_altitude_m)) / cell_hz
         self._first = self._below + top + _MARGIN_CELLS  # least mean of a pair's cells
-        self._count = min(self._below + half // 2 + reach + 1, half)  # cells up to Nyquist, and a Doppler
+        # share of the half sweep, per cell of a beat, that its delay leaves on the other slope
+        self._delay_share = cell_hz / (waveform.slope_hz_per_s * waveform.half_sweep_s)
+        # cells up to Nyquist, or to the delay that leaves half of each half sweep, and a Doppler
+        last = min(half // 2, round(0.5 / self._delay_share))
+        self._count = min(self._below + last + reach + 1, half)
         # both halves mixed so that a return has a positive beat, the lowest cell first
         turn = np.exp(2j * np.pi * self._below * np.arange(half) / half)
         self._rising = [slope > 0 for slope in waveform.half_slopes]
         reference = waveform.reference.astype(np.complex128).reshape(2, half)
         rows = [row if up else row.conj() for row, up in zip(reference, self._rising, strict=True)]
         self._table = (np.stack(rows) * turn).astype(np.complex64)
-        # share of the half sweep, per cell of a beat, that its delay leaves on the other slope
-        self._delay_share = cell_hz / (waveform.slope_hz_per_s * waveform.half_sweep_s)
         trials = self._count * (2 * reach + 1.0)
         level = 2.0
         while trials * (1.0 + level) * np.exp(-level) > _PFA:

@@ -6,13 +6,14 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas
 
+from ..altimeter.altimeter import AltimeterSettings, shared_altimeter
 from ..returns.point import point_return
 from ..waveform import Waveform, altitude_to_delay_s
-from .altimeter import AltimeterSettings, shared_altimeter
 from .segmenter_settings import SegmenterSettings
 
 _FRACTION = 0.25  # least fractional delay that is reported, samples: 5 m at the default rate
-_FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
+# correlation over mean from which a quarter of a sample is six standard deviations, at a rate of the bandwidth
+_FINE_STRENGTH = 100.0
 # Least power of the sweep's peak over any other beyond its flanks (samples): a burst of narrow-band interference
 # correlates with a piece of the sweep at many delays, all about as strong.
 ALONE, _FLANK = 4.0, 3
@@ -23,17 +24,8 @@ _MAX_SPREAD_SAMPLES = 0.2
 class SweepFinder:
     """Tables of one sweep, and the three measurements that `FrameSegmenter` makes: locate, correlate, shift.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : SegmenterSettings
-    true_delay : bool
-        Whether altitudes come as true delays (with Doppler) or as beat shifts.
-
-    Attributes
-    ----------
-    quality_db : float
-        Correlation over mean of the last sweep that was measured, in decibels; NaN before the first.
+    ``true_delay``: whether altitudes come as true delays (with Doppler) or as beat shifts. ``quality_db``:
+    correlation over mean of the last sweep that was measured, in decibels; NaN before the first.
     """
 
     def __init__(self, waveform: Waveform, settings: SegmenterSettings, *, true_delay: bool) -> None:
@@ -49,6 +41,9 @@ class SweepFinder:
             waveform,
             AltimeterSettings(min_altitude_m=-span, max_altitude_m=span, max_vertical_speed_m_per_s=0.0),
         )
+        flank = float(np.sinc(waveform.bandwidth_hz / waveform.rate_hz))  # response a sample off the peak
+        self._share = flank / (1.0 + flank)
+        self._fine_strength = _FINE_STRENGTH / (1.0 - 2.0 * self._share) ** 2
         self._expected: dict[tuple[float, float, float], np.ndarray] = {}
         self.quality_db = float("nan")
 
@@ -96,8 +91,8 @@ class SweepFinder:
     def image_share(self, frame: np.ndarray) -> float:
         """Power of the sweep's complex conjugate over that of the sweep in one frame; 0 where none stands out alone.
 
-        A quadrature error gives the conjugate: one rail dead (0 dB), one rail a sample late (-2 dB). Of a centred sweep
-        the conjugate is the sweep half a frame later, so it does not show a receiver with I and Q exchanged.
+        A quadrature error gives the conjugate: one rail dead (0 dB), one rail a sample late (-2 dB). Of a centred
+        sweep the conjugate is the sweep half a frame later, so it does not show a receiver with I and Q exchanged.
         """
         power, mirrored = self._power(frame), self._power(np.conj(frame))
         peak, mean = int(np.argmax(power)), float(power.mean())
@@ -141,11 +136,12 @@ class SweepFinder:
         away = max(r for shift, r in enumerate(response) if abs(shift - best) >= 2)
         if strength < self._settings.lock_threshold or response[best] ** 2 < ALONE * away**2:
             return None
-        if strength < _FINE_STRENGTH or not 0 < best < 4:
+        if strength < self._fine_strength or not 0 < best < 4:
             return float(best - 2), strength
-        # the filter's response is a sinc in samples: the neighbour's share is the fraction
-        beside = best + (1 if response[best + 1] > response[best - 1] else -1)
-        fraction = (beside - best) * response[beside] / (response[beside] + response[best])
+        # the filter's response is a sinc of the bandwidth: the neighbour's share is 1/2 between two samples
+        other = best + (1 if response[best + 1] > response[best - 1] else -1)
+        share = response[other] / (response[other] + response[best])
+        fraction = (other - best) * (share - self._share) / (1.0 - 2.0 * self._share)
         return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
 
     def expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:

@@ -50,10 +50,7 @@ def leakage_path(name: Path | str) -> Path:
 def load_leakage(name: Path | str, waveform: Waveform) -> LeakageCalibration:
     """A stored calibration by path, or by the name of a shipped one.
 
-    Raises
-    ------
-    InputError
-        One line, if it cannot be read or belongs to another sweep.
+    Raises `InputError` if it cannot be read or belongs to another sweep.
     """
     path = leakage_path(name)
     what, remedy = "leakage calibration", "calibrate anew (docs/leakage.md)"

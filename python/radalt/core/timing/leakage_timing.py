@@ -22,13 +22,7 @@ _TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a line is and where it i
 class LeakageTiming:
     """Finds the calibrated leakage in received frames, at its place or elsewhere.
 
-    Parameters
-    ----------
-    canceller : LeakageCanceller
-        Aligned with the timing that is assumed.
-    settings : SegmenterSettings
-    finder : SweepFinder
-        Of the same sweep.
+    ``canceller``: aligned with the timing that is assumed; ``finder``: of the same sweep.
     """
 
     def __init__(self, canceller: LeakageCanceller, settings: SegmenterSettings, finder: SweepFinder) -> None:
@@ -88,9 +82,9 @@ class LeakageTiming:
     ) -> float | None:
         """Samples by which the leakage lies next to its place in a received frame (N,); None where it is hidden.
 
-        The leakage is known by its amplitude and its phase. Where it is known what was ``sent`` (altitude in metres and
-        range rate in m/s, timing ``offset_s`` s after the frame's first sample), only what a return there cannot be
-        counts: the least-squares estimate of one line next to another.
+        The leakage is known by its amplitude and its phase. Where it is known what was ``sent`` (altitude in metres
+        and range rate in m/s, timing ``offset_s`` s after the frame's first sample), only what a return there cannot
+        be counts: the least-squares estimate of one line next to another.
         """
         n = self._n
         expected, energy = self._expected(frame_index, sent, offset_s)

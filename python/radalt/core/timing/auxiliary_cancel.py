@@ -9,9 +9,9 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas
 
-from ..parsing import check_range
+from ..altimeter.altimeter_settings import FASTEST_M_PER_S
+from ..parsing import Settings, setting
 from ..waveform import Waveform
-from .altimeter_settings import FASTEST_M_PER_S
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
@@ -30,43 +30,29 @@ _GUARD_CELLS = 40  # cells beyond the span's beats that hold side lobes of a str
 
 
 @dataclass(frozen=True, kw_only=True)
-class CancelSettings:
-    """Settings of the canceller with a second receive channel.
+class CancelSettings(Settings, where="auxiliary_cancel"):
+    """Settings of the canceller with a second receive channel."""
 
-    Parameters
-    ----------
-    isolation_db : float
-        How much weaker the second antenna receives the return, at least, 10..60. The least of it and of what is
-        measured holds.
-    reach_s : float
-        Delays covered, plus and minus, 0..2e-6: path differences of an interferer and differences of the front ends.
-    order : int
-        Polynomial in time that weights follow within a frame, 0..3: 0 for antennas at rest.
-    conjugate : bool
-        Use the second channel's complex conjugate as well, at twice the cost: for images of front ends above -45 dB.
-    loading_db : float
-        Diagonal loading relative to the second channel's power, -120..0.
-    least_db : float
-        Least fall of the power outside the return's beats, 0.1..20, below which a frame passes unchanged.
-    """
-
-    isolation_db: float = 20.0
-    reach_s: float = 1.07e-6
-    order: int = 0
+    isolation_db: float = setting(20.0, LEAST_ISOLATION_DB, 60.0)
+    """How much weaker the second antenna receives the return. The least of it and of what is
+    measured holds."""
+    reach_s: float = setting(1.07e-6, 0.0, 2e-6)
+    """Delays covered, plus and minus: path differences of an interferer and differences of the front ends."""
+    order: int = setting(0, 0, 3)
+    """Polynomial in time that weights follow within a frame: 0 for antennas at rest."""
     conjugate: bool = False
-    loading_db: float = -70.0
-    least_db: float = 0.5
-
-    def __post_init__(self) -> None:
-        limits = {"isolation_db": (LEAST_ISOLATION_DB, 60.0), "reach_s": (0.0, 2e-6), "order": (0, 3)}
-        check_range("auxiliary_cancel", self, loading_db=(-120.0, 0.0), least_db=(0.1, 20.0), **limits)
+    """Use the second channel's complex conjugate as well, at twice the cost: for images of front ends above -45 dB."""
+    loading_db: float = setting(-70.0, -120.0, 0.0)
+    """Diagonal loading relative to the second channel's power."""
+    least_db: float = setting(0.5, 0.1, 20.0)
+    """Least fall of the power outside the return's beats, below which a frame passes unchanged."""
 
 
 class AuxiliaryCancel:
     """Least squares of the first channel on delayed copies of the second, for each frame alone.
 
-    ``y[n] = x1[n] - sum_{q,d} h[q,d] P_q(n) x2[n-d]`` with Legendre polynomials ``P_q``. Weights are estimated without
-    the return: both channels are dechirped, the beats of the span set to zero, and the rest is chirped again.
+    ``y[n] = x1[n] - sum_{q,d} h[q,d] P_q(n) x2[n-d]`` with Legendre polynomials ``P_q``. Weights are estimated
+    without the return: both channels are dechirped, the beats of the span set to zero, and the rest is chirped again.
 
     A frame passes unchanged, to the bit, where a channel is not finite; where the rest would lose less than
     ``least_db``; where the isolation of the return is not known, or below 10 dB; where weights could take 3 dB of the

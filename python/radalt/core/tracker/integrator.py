@@ -7,8 +7,8 @@ however strong its peak: what a method invents in one frame of forty is outvoted
 
 import numpy as np
 
+from ..altimeter.altimeter import Altimeter, Spectra
 from ..returns.point import point_return
-from .altimeter import Altimeter, Spectra
 
 # Dynamic range of one half sweep, linear (23 dB): the noise level is not estimated below the fourth side lobe of
 # its strongest line, 1 / (4.5 pi)^2, so that the side lobes of a strong return do not count as returns.

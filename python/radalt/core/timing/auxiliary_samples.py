@@ -11,10 +11,7 @@ _FRAMES = 16  # frames kept beyond those that the segmenter averages and holds b
 class AuxiliarySamples:
     """Keeps the second channel's samples, by the segmenter's sample counter, until it releases the frames.
 
-    Parameters
-    ----------
-    segmenter : FrameSegmenter
-        Of the first channel.
+    ``segmenter``: of the first channel.
     """
 
     def __init__(self, segmenter: FrameSegmenter) -> None:

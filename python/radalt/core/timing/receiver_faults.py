@@ -18,18 +18,9 @@ _IMAGE_SHARE = 0.1
 class ReceiverFaults:
     """Examines frames as they are received, at known timing.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    finder : SweepFinder
-    noise : bool
-        Whether samples carry noise; without it equal frames are no fault.
-
-    Attributes
-    ----------
-    fault : str
-        By the last frame: ``""``, ``"frozen"`` (it repeats one of the last second) or ``"quadrature"`` (it holds the
-        complex conjugate of the sweep too: one rail is dead or delayed).
+    ``noise``: whether samples carry noise; without it equal frames are no fault. ``fault``: by the last frame:
+    ``""``, ``"frozen"`` (it repeats one of the last second) or ``"quadrature"`` (it holds the complex conjugate of
+    the sweep too: one rail is dead or delayed).
     """
 
     def __init__(self, waveform: Waveform, finder: SweepFinder, *, noise: bool) -> None:

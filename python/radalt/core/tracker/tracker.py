@@ -12,14 +12,14 @@ gives no altitude, and neither does one with a rival that could as well be the g
 
 import numpy as np
 
+from ..altimeter.altimeter import Altimeter, Spectra
+from ..timing.leakage import REACH_M
+from ..timing.repeated_frames import RepeatedFrames, RepeatedNoise
 from ..waveform import delay_to_altitude_m
-from .altimeter import Altimeter, Spectra
 from .deleter import Deleter
 from .gate import Gate
 from .initiator import Initiator
 from .integrator import Integrator
-from .leakage import REACH_M
-from .repeated_frames import RepeatedFrames, RepeatedNoise
 from .scan import Scan
 from .spread_ground import SpreadGround
 from .summed_block import Block, Measurement

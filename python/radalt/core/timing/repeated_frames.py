@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .beat_spectra import BeatSpectra, Spectra
+from ..altimeter.beat_spectra import BeatSpectra, Spectra
 
 # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
 _MEMORY_S = 1.0
@@ -22,10 +22,7 @@ class RepeatedFrames:
     Works on *marks*: some numbers of each frame that differ between any two frames of a receiver with noise. The
     segmenter marks frames by their samples, the tracker by cells of their spectra.
 
-    Parameters
-    ----------
-    sweep_s : float
-        Duration of a frame in seconds.
+    ``sweep_s``: duration of a frame in seconds.
 
     Examples
     --------
@@ -62,15 +59,10 @@ class RepeatedNoise:
     """Notices a receiver whose noise comes again: a ring of up to a minute, or a buffer with another gain, phase or DC.
 
     The noise is that of cells off the span of altitudes, without the side lobes of a return, by phase alone, so that
-    no strong line decides. One frame of each block is compared with all frames of the last minute. A return that stands
-    to the millimetre repeats itself, and so may interference: both at once are taken for a frozen receiver.
+    no strong line decides. One frame of each block is compared with all frames of the last minute. A return that
+    stands to the millimetre repeats itself, and so may interference: both at once are taken for a frozen receiver.
 
-    Parameters
-    ----------
-    spectra : BeatSpectra
-        By which the frames are transformed.
-    step : int
-        Frames per comparison.
+    ``spectra``: by which the frames are transformed; ``step``: frames per comparison.
     """
 
     def __init__(self, spectra: BeatSpectra, step: int) -> None:

@@ -42,15 +42,11 @@ _LEAST_FRAMES = 20  # least frames of a calibration
 class LeakageCalibration:
     """Leakage of one installation, and its delay.
 
-    Attributes
-    ----------
-    waveform : Waveform
-        The sweep it was measured with.
-    coefficients : (2, SHAPES) complex128
-        Of the shapes of `LeakageCanceller`, by half sweep, for timing taken on the leakage itself.
-    installation_delay_m : float
-        Metres by which altitudes come out too high with timing taken on the leakage: cables to the antennas, less the
-        leakage's own path.
+    - ``waveform``: the sweep it was measured with
+    - ``coefficients`` (2, SHAPES) complex128: of the shapes of `LeakageCanceller`, by half sweep, for timing taken on
+      the leakage itself
+    - ``installation_delay_m``: metres by which altitudes come out too high with timing taken on the leakage: cables
+      to the antennas, less the leakage's own path
     """
 
     waveform: Waveform
@@ -68,20 +64,12 @@ class LeakageCalibration:
     ) -> "LeakageCalibration":
         """From frames in which nothing but the leakage is: antennas towards the sky, or the aircraft above 60 m.
 
-        Parameters
-        ----------
-        waveform : Waveform
-        frames : (n, N) complex
-            20 or more; 400 bring the noise 26 dB down.
-        timing_offset_s : float
-            Delay of the leakage's line against the frames' first sample, as the segmenter gives it.
-        frame_index : (n,) or int
-            Sweep numbers; they matter only where ``B T_h`` is not whole and the sweep is not centred.
+        - ``frames`` (n, N) complex: 20 or more; 400 bring the noise 26 dB down
+        - ``timing_offset_s``: delay of the leakage's line against the frames' first sample, as the segmenter gives it
+        - ``frame_index`` (n,) or int: sweep numbers; they matter only where ``B T_h`` is not whole and the sweep is
+          not centred
 
-        Raises
-        ------
-        ValueError
-            For fewer frames, or frames that are not finite.
+        Raises `ValueError` for fewer frames, or frames that are not finite.
         """
         frames = np.atleast_2d(frames)
         if len(frames) < _LEAST_FRAMES:
@@ -98,17 +86,9 @@ class LeakageCalibration:
     def with_installation(self, measured_m: np.ndarray, true_m: float) -> "LeakageCalibration":
         """The same with the installation delay from altitudes measured at a known one, leakage subtracted.
 
-        Parameters
-        ----------
-        measured_m : (n,)
-            With this calibration in use; those that are NaN do not count.
-        true_m : float
-            Known altitude in metres, such as that of the antennas with the wheels on the ground.
-
-        Raises
-        ------
-        ValueError
-            If fewer than 20 altitudes are left, or half of them lie more than a metre from their median.
+        ``measured_m`` (n,): with this calibration in use; those that are NaN do not count; ``true_m``: known altitude
+        in metres, such as that of the antennas with the wheels on the ground. Raises `ValueError` if fewer than 20
+        altitudes are left, or half of them lie more than a metre from their median.
         """
         known = np.asarray(measured_m, dtype=float)
         known = known[np.isfinite(known)]
@@ -130,14 +110,10 @@ class LeakageCanceller:
 
     A delay within `NEAREST_M` .. `REACH_M` of the leakage rotates the phase of a half sweep by less than a cycle from
     its first to its last sample. All such delays are therefore the sweep at the middle of that reach times a few
-    Legendre polynomials of time, and a leakage is ``2 x SHAPES`` complex numbers. They are averaged, not fitted to each
-    frame: a fit would remove the ground as well wherever it is as near.
+    Legendre polynomials of time, and a leakage is ``2 x SHAPES`` complex numbers. They are averaged, not fitted to
+    each frame: a fit would remove the ground as well wherever it is as near.
 
-    Parameters
-    ----------
-    calibration : LeakageCalibration
-    calibrated : bool
-        False fits the leakage in every frame, whatever its amplitude and phase (see `uncalibrated`).
+    ``calibrated``: False fits the leakage in every frame, whatever its amplitude and phase (see `uncalibrated`).
 
     Examples
     --------
@@ -251,8 +227,8 @@ class LeakageCanceller:
         Only for frames in which the ground is resolved from the leakage (`ground_is_apart`). A frame's weight is the
         quietest recent power over its own, so that interference has little; a frame that is not finite has none.
 
-        The new mean is subtracted from frame ``due`` on, or at once. With a future frame a run does not depend on when
-        its tracker's messages arrive.
+        The new mean is subtracted from frame ``due`` on, or at once. With a future frame a run does not depend on
+        when its tracker's messages arrive.
         """
         for index in sorted(self._waiting):
             if index > last:

@@ -186,7 +186,7 @@ class Altimeter(BeatSpectra):
 
     # -- detection ------------------------------------------------------------------------------------------------
 
-    @usual_errors
+    @usual_errors()
     def process(
         self,
         frames: np.ndarray,

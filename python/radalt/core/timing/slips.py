@@ -13,16 +13,8 @@ MEMORY_FRAMES = 50  # frames for which a contradicted frame is remembered, and t
 class _Doubt:
     """A frame measured at another timing, and the slips that would explain it.
 
-    Attributes
-    ----------
-    index : int
-        The frame's, as it was counted.
-    frames : (h,) int array
-        Whole frames lost, by slip.
-    samples : (h,) float array
-        Timing error of each slip, in samples.
-    tolerance : float
-        Largest error of the measured delay, in samples.
+    ``index``: the frame's, as it was counted; ``frames`` (h,) int: whole frames lost, by slip; ``samples`` (h,)
+    float: timing error of each slip, in samples; ``tolerance``: largest error of the measured delay, in samples.
     """
 
     index: int
@@ -56,15 +48,12 @@ class _Doubt:
 class Slips:
     """Frames measured at other delays than they were sent with, until enough of them agree on one slip.
 
-    A loss of samples without a tag shifts timing by ``s`` samples and the index by ``q`` frames, and both shifts last.
-    A frame measured at another delay than it was sent with gives one ``s`` for every ``q`` from 0 to
+    A loss of samples without a tag shifts timing by ``s`` samples and the index by ``q`` frames, and both shifts
+    last. A frame measured at another delay than it was sent with gives one ``s`` for every ``q`` from 0 to
     `MOST_LOST_FRAMES`. Frames agree if they give the same pair, and a frame between them that contradicts the pair
     rules it out.
 
-    Parameters
-    ----------
-    confirm_frames : int
-        Frames that have to agree.
+    ``confirm_frames``: frames that have to agree.
     """
 
     def __init__(self, confirm_frames: int) -> None:
@@ -78,23 +67,14 @@ class Slips:
     def note(self, index: int, samples: np.ndarray, tolerance: float, *, known: bool) -> tuple[bool, int]:
         """Note a frame measured at another delay.
 
-        Parameters
-        ----------
-        index : int
-            The frame's, as it was counted.
-        samples : (MOST_LOST_FRAMES + 1,) float
-            Delay measured less delay sent, in samples, for each number of whole frames lost.
-        tolerance : float
-            Tolerance of the measured delay, in samples.
-        known : bool
-            Whether the delay sent is known. A frame that no slip explains is then left out.
+        - ``index``: the frame's, as it was counted
+        - ``samples`` (MOST_LOST_FRAMES + 1,) float: delay measured less delay sent, in samples, for each number of
+          whole frames lost
+        - ``tolerance``: tolerance of the measured delay, in samples
+        - ``known``: whether the delay sent is known. A frame that no slip explains is then left out.
 
-        Returns
-        -------
-        agreed : bool
-            Whether enough frames agree on one slip.
-        whole : int
-            Frames lost, if it may be whole ones alone; else 0.
+        Returns ``agreed``: whether enough frames agree on one slip; ``whole``: frames lost, if it may be whole ones
+        alone; else 0.
         """
         frames = np.arange(samples.size)
         doubt = _Doubt(index, frames, samples, tolerance)
@@ -114,11 +94,8 @@ class Slips:
     def rule_out(self, delays: Callable[[], np.ndarray]) -> None:
         """Forget the slips that contradict a frame measured at the delay it was sent with.
 
-        Parameters
-        ----------
-        delays : callable
-            Returns (MOST_LOST_FRAMES + 1,) delays in samples that this frame and the following ones were sent with.
-            Called only if there is a doubt.
+        ``delays``: returns (MOST_LOST_FRAMES + 1,) delays in samples that this frame and the following ones were sent
+        with. Called only if there is a doubt.
         """
         if self._doubts:
             sent = delays()

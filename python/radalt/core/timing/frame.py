@@ -9,17 +9,12 @@ import numpy as np
 class Frame:
     """One whole frame at known timing.
 
-    Attributes
-    ----------
-    index : int
-        Sweep number since the transmitter's start.
-    start_sample : int
-        Sample counter at the frame's first sample, lost samples included.
-    samples : (N,) complex64
-    offset_s : float
-        Delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter subtracts it.
-    auxiliary : (N,) complex64 or None
-        The second channel's samples of the same time, in the block that cuts both.
+    - ``index``: sweep number since the transmitter's start
+    - ``start_sample``: sample counter at the frame's first sample, lost samples included
+    - ``samples`` (N,) complex64
+    - ``offset_s``: delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter
+      subtracts it
+    - ``auxiliary`` (N,) complex64 or None: the second channel's samples of the same time, in the block that cuts both
     """
 
     index: int
