@@ -231,6 +231,7 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(
     monkeypatch.setenv("RADALT_REHEARSAL", "1")  # the business of test_hostile
     (tmp_path / "mine.py").write_text(OWN)
     few = {"extends": "standard", "seed": 5, "overlap": [1.0], "grid": {"sir_db": [-10, -20, -30, -40]}}
+    few["cases"] = {"tones": {"interference": {"tones": {"count": 5}}}}
     (tmp_path / "few.yaml").write_text(yaml.safe_dump(few))
     words = [tmp_path / "few.yaml", "--cases", "tones", "--frames", "8", "--jobs", "1"]
     assert ended(command.main, *words, "--methods", "none,whitening", "--out", tmp_path / "a") == (0, "")

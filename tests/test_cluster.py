@@ -235,6 +235,7 @@ def sweep(tmp_path_factory):
 def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(
     mortal_dask, sweep, tmp_path, measured_here, undrawn
 ):
+    mortal_dask.end(mortal_dask.workers[0])  # one is enough
     options, whole = sweep
     process = start(*options, "--out", tmp_path / "run", "--scheduler", mortal_dask.file)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)

@@ -479,20 +479,3 @@ def test_same_seed_same_window_and_other_frames_differ():
     assert frame.size == 150_000
     first, second = frame.reshape(2, -1)
     assert abs(np.vdot(first, second)) / 75_000 < 0.2  # only the pilots are common
-
-
-WRONG = {
-    "channel_bandwidth_hz": (21e6, 100e6), "subcarrier_spacing_hz": (60e3, 30e3), "carrier_hz": (float("nan"),),
-    "evm": (-0.1, "good"), "second_layer_db": (30.0,), "power_spread_db": (31.0,), "modulation": ("8psk",),
-    "tdd": ("DDX", "DDD", "UDDDD"), "cell_id": (1008, -1, 1.5), "frame_count": (0,), "load": (1.01,),
-    "pdcch_load": (-0.1,), "ssb_indices": ((8,), (1, 1)),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("field", WRONG)
-def test_wrong_values_get_one_clear_line(field):
-    for value in WRONG[field]:
-        with pytest.raises(ValueError) as error:
-            nr.NrEmitter(**{field: value})
-        message = str(error.value)
-        assert "\n" not in message and field in message

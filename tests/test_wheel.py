@@ -80,13 +80,6 @@ assert programs.main(["eval", "--sim"]) == programs.main(["remote", "--sim"]) ==
     assert all("radalt.evaluate in Python" in line for line in lines)
 
 
-def test_beside_gnu_radio_it_runs_the_flowgraph(site, tmp_path):
-    line = "eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --jobs 1 --out out".split()
-    done = python(site, tmp_path, "-m", "radalt", *line)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "out/report.html").is_file()
-
-
 def test_another_version_is_named_in_one_line(site, tmp_path):
     other = tmp_path / "older"
     (other / "radalt").mkdir(parents=True)
