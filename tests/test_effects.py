@@ -70,13 +70,13 @@ def test_evm_is_a_word_or_a_number_also_where_yaml_reads_it_as_text():
 
 def test_the_shipped_scene_with_every_effect_plays_at_its_sir():
     scene = load_scene("nr_as_sent")
-    assert "typical EVM" in scene.interference[0].emitter.title(7.5e6)
+    assert "half-limit EVM" in scene.interference[0].emitter.title(7.5e6)
     stream = JammerStream(scene.waveform, scene.interference, seed=2, free_running=True)
     power = [np.mean(np.abs(stream.next_frame().astype(complex)) ** 2) for _ in range(101)][1:]
     # 0.1 s of fading at 120 Hz over nine paths: some 1.5 dB
     assert 10 * np.log10(np.mean(power)) == pytest.approx(20.0, abs=3.0)
     for name in ("nr5", "nr10", "qpsk_shaped", "landing", "qpsk_impaired", "qpsk_break_points"):
-        assert "typical EVM" in load_scene(name).interference[0].emitter.title(7.5e6)
+        assert "half-limit EVM" in load_scene(name).interference[0].emitter.title(7.5e6)
     assert load_scene("paper_qpsk").interference[0].emitter.title(7.5e6).endswith(", ideal")
 
 

@@ -108,7 +108,7 @@ def test_altimeter_profile_is_read_and_flown(root, tmp_path, measured_here, undr
     profile = load_profile(file)
     assert (profile.bandwidth_hz, profile.period_s, profile.gain_dbi) == (100e6, 5e-3, 12.0)
     assert profile.noise_figure_db == load_profile("fmcw_150mhz").noise_figure_db
-    assert profile.standing["gain_dbi"][0] == "assumed"
+    assert profile.provenance["gain_dbi"][0] == "assumed"
     words = "--interferers tone --altitudes-ft 200 --outputs 20 --seeds 1 --method none --jobs 1".split()
     assert tolerance.main([*words, "--profile", str(file), "--out", str(tmp_path / "run")]) == 0
     assert "my_altimeter" in (tmp_path / "run/report.md").read_text(encoding="utf-8")

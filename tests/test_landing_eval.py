@@ -217,7 +217,7 @@ def test_frames_have_the_sir_and_sinr_they_state(root):
 
 
 def test_doppler_cancels_in_altitude_and_shows_as_vertical_speed(root):
-    """A point descending at 3.8 m/s: same altitude as standing still, right vertical speed."""
+    """A point descending at 3.8 m/s: same altitude as at rest, right vertical speed."""
     config = _config(root, snr_db=30.0, point_target=True, altimeter=AltimeterSettings())
     truth = landing_points.approach_frames(
         dataclasses.replace(config, approach=landing.ApproachSpec(12)), 0, 12

@@ -3,10 +3,11 @@
 import dataclasses
 import json
 import os
-import re
 
 import numpy as np
 import pytest
+from pages import assert_whole
+from waiting import ran
 
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.mitigation import CUSTOM
@@ -16,8 +17,8 @@ from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap.figures import draw_pd
 from radalt.evaluation.overlap.markdown import verdict
 from radalt.evaluation.overlap.points import OverlapPoint, point_seed, sweep_points
-from radalt.evaluation.overlap.pooling import collect, pool_runs
-from radalt.evaluation.overlap.reading import PoolError, read_run
+from radalt.evaluation.overlap.pooling import collect
+from radalt.evaluation.overlap.reading import PoolError
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
@@ -56,6 +57,7 @@ def rows_of(scene, batches=1):
             s = Score(trials, trials, correct, trials, 0, 0, squared, 0.1, 0.04 * trials)
             seed = point_seed(scene.seed, point)
             timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
+            timing["right"] = bits(np.arange(trials) < correct)
             out.append(
                 make_row(
                     method, scene.interference_name, point, seed, s, diverged_frames=0, segmenter={}, **timing
@@ -74,7 +76,7 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
         bit = bits(np.arange(100) < count)
         more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0, "right": bit}
         rows.append(make_row(*where, diverged_frames=0, segmenter={}, **more))
-    text = verdict({"rows": rows, "source": "simulated", "scene": {"waveform": {"bandwidth_hz": 7.5e6}}})
+    text = verdict(rows, "simulated", {"bandwidth_hz": 7.5e6})
     assert text.startswith(
         "**`tcae` is right most often, with a Pd of 1.000** over all overlaps above 0, 0.100 (0.041 to 0.159)"
     )
@@ -298,14 +300,23 @@ def test_runs_that_swept_the_sir_alone_are_drawn_against_it(tmp_path, undrawn):
     assert text.startswith("# Pd against SIR, 1 run\n") and "pd_vs_sir.png" in text
     assert "pd_vs_overlap" not in text
     collect([finished(tmp_path / "b", scene_of())], tmp_path / "all")
-    assert [f.name for f in (tmp_path / "all").glob("pd_vs_*.png")] == ["pd_vs_overlap.png"]
+    drawn = sorted(f.name for f in (tmp_path / "all").glob("pd_vs_*.png"))
+    assert drawn == ["pd_vs_overlap.png", "pd_vs_runtime.png"]
 
 
-def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
+def test_methods_of_two_folders_are_compared_on_the_frames_of_both(tmp_path, undrawn):
+    """Equal seeds are equal frames; by the made-up law 30 of 150 are right without mitigation, 120 behind tcae."""
     a = finished(tmp_path / "a", scene_of(methods=("none",)), {"none": {}})
-    b = finished(tmp_path / "b", scene_of(seed=2, sweep=SweepSpec(overlap=(0.25,), sir_db=(-28.0,))))
-    pooled, _ = pool_runs([read_run(a), read_run(b)])
-    assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
+    one = scene_of(methods=("tcae",), sweep=SweepSpec(overlap=(0.0, 1.0), sir_db=(-28.0,)))
+    b = finished(tmp_path / "b", one, {"tcae": METHODS["tcae"]})
+    page, _ = collect([a, b], tmp_path / "all", method="none")
+    text = page.read_text(encoding="utf-8")
+    assert "`tcae` is right most often, with a Pd of 0.800** over the points that every method has" in text
+    assert len(read_report(tmp_path / "all")["rows"]) == 6 + 2
+    assert "| none | tcae | 150 | -0.600 (-0.678 to -0.522) |" in text
+    assert "| tcae | not measured | not measured | not measured | not measured | 0.800" in text
+    with pytest.raises(PoolError, match="--against 'lms': no such method in the runs; there are none, tcae"):
+        collect([a, b], tmp_path / "all", method="lms")
 
 
 def test_a_longer_run_of_one_seed_is_not_independent(tmp_path):
@@ -440,18 +451,24 @@ def test_figures_are_the_same_bytes_for_the_same_rows_in_three_formats(whole, tm
 
 
 def test_figures_can_be_read_in_grey(whole):
-    """Every series differs from every other in more than colour."""
+    """Every series differs from every other in more than colour, whatever else is drawn."""
     methods = [*MITIGATIONS, CUSTOM]
+    assert series_style("tcae", ["tcae"]) == series_style("tcae", methods)
     styles = [series_style(m, methods) for m in methods]
     told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
     assert len(set(told)) == len(told)
 
 
-def test_page_is_whole_and_asks_for_nothing(whole):
+def test_the_page_is_whole_sorts_its_tables_and_switches_a_method(whole, tmp_path, browser):
+    assert_whole(whole / "report.md", browser)
     text = (whole / "report.html").read_text()
-    assert not re.findall(r"""(?:src|href)=["'](?!#)""", text)
-    assert not re.findall(r"@import|url\((?!#)", text)
-    assert "default-src 'none'" in text
-    assert text.count("<svg") == 4 and "rate_hz: 7500000.0" in text and "radalt 0" in text
     for row in read_report(whole)["rows"]:
         assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
+    probe = """<script>
+    [...document.querySelectorAll(".switches label")].find((l) => l.innerText.trim() === "tcae").click();
+    const parts = [...document.querySelectorAll("svg [id='series tcae']")];
+    document.body.dataset.hidden = parts.every((part) => part.style.display === "none");
+    </script></body>"""
+    page = tmp_path / "page.html"
+    page.write_text(text.replace("</body>", probe))
+    assert browser is None or 'data-hidden="true"' in ran(*browser, "--dump-dom", page.as_uri()).stdout

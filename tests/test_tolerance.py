@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from radalt.core.deramp.profile import STANDINGS, load_profile, profile_names
+from radalt.core.deramp.profile import PROVENANCES, load_profile, profile_names
 from radalt.core.parsing import InputError
 from radalt.core.tracker.tracker_settings import Status
 from radalt.studies.tolerance.command import main
@@ -41,8 +41,8 @@ def test_every_number_of_a_profile_has_a_source_and_a_standing(name):
     )
     profile = load_profile(name)
     assert profile.name == name
-    for level, source in profile.standing.values():
-        assert level in STANDINGS
+    for level, source in profile.provenance.values():
+        assert level in PROVENANCES
         assert len(source) > 4
         for body in ("RTCA", "ARINC", "ITU"):  # never quoted as read there
             assert body not in source or level != "read in source"
@@ -51,7 +51,7 @@ def test_every_number_of_a_profile_has_a_source_and_a_standing(name):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("  gain_dbi: 10", "expected \\[value, standing, source\\]"),
+        ("  gain_dbi: 10", "expected \\[value, provenance, source\\]"),
         ("  gain_dbi: [10, guessed, me]", "allowed: read in source, secondary, assumed"),
         ("  gain_dbi: [10, secondary, nobody]", "sources has mathworks"),
         ("  gain_dbi: [99, assumed, me]", "gain_dbi is 99; it has to be within -20..40"),

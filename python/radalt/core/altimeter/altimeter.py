@@ -164,8 +164,8 @@ class Altimeter(BeatSpectra):
         """Power half a resolution cell away that no peak shows; greatest side lobe by distance in cells, 6 dB to spare.
 
         Both come from the window's own transform. The flank ratio is that of a peak 0.35 resolution cells away. The
-        side lobes are a falling envelope, begun a quarter of a resolution cell farther in, since a peak may lie between
-        cells. The flank ratio covers the main lobe.
+        side lobes are a falling envelope, begun a quarter of a resolution cell farther in, since a peak may lie
+        between cells. The flank ratio covers the main lobe.
         """
         size = self.beat_hz.size
         fine, per = 8, round(self._per_resolution)  # points a cell, cells a resolution cell
@@ -216,10 +216,10 @@ class Altimeter(BeatSpectra):
         (n,) structured array of RESULT_DTYPE
             Where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN. Of a sawtooth
             ``vertical_speed_m_per_s`` is NaN, and ``altitude_m`` is that of `Waveform.doppler_lead_s` later.
-            ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond
-            the main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less
-            likely. ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell
-            next to it, in the range profile: power by altitude, both half sweeps added.
+            ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell
+            beyond the main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)``
+            times less likely. ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the
+            strongest cell next to it, in the range profile: power by altitude, both half sweeps added.
 
         Raises
         ------
@@ -284,15 +284,15 @@ class Altimeter(BeatSpectra):
     def confirms(self, received: np.ndarray, cleaned: np.ndarray, pfa: float = 1.0) -> np.ndarray:
         """(n,) bool: what is found in cleaned frames stands out in the received frames too, or nothing is found.
 
-        In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
-        own strongest cell. That is more than a first side lobe and less than the loss by interference. A peak beyond
-        the span of altitudes is not confirmed, and neither is one that is no return (`Reason`): an altimeter with
-        another span or other cells would find something else.
+        In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of
+        its own strongest cell. That is more than a first side lobe and less than the loss by interference. A peak
+        beyond the span of altitudes is not confirmed, and neither is one that is no return (`Reason`): an altimeter
+        with another span or other cells would find something else.
 
-        With a ``pfa`` below 1 the probability that noise alone shows both received cells as strong must not exceed it,
-        and whatever an altimeter of any allowed speed could declare counts as found. The altimeter's own threshold
-        relies on independent half sweeps; a filter that keeps its weights from one to the other gives both the same
-        delay.
+        With a ``pfa`` below 1 the probability that noise alone shows both received cells as strong must not exceed
+        it, and whatever an altimeter of any allowed speed could declare counts as found. The altimeter's own
+        threshold relies on independent half sweeps; a filter that keeps its weights from one to the other gives both
+        the same delay.
         """
         spectra = self.spectra(cleaned)
         after = self.significance(spectra)
@@ -359,8 +359,8 @@ class Altimeter(BeatSpectra):
     def _interpolate(self, found: Found) -> np.ndarray:
         """(n, 2) beats of greatest likelihood: each half sweep's own peak, or both moved together.
 
-        Where one of them is broad its peak says little, and the mean of the likelihood is taken (`Found.mean`).
-        They are moved together where one alone is no peak, weighted by their signal over noise. Two peaks are each
+        Where one of them is broad its peak says little, and the mean of the likelihood is taken (`Found.mean`). They
+        are moved together where one alone is no peak, weighted by their signal over noise. Two peaks are each
         measured where they are, even if they lie farther apart than the allowed speeds permit. Their mean is the
         altitude at any speed; a weighted sum would follow the clearer one and be wrong by the unexpected speed.
         """

@@ -42,28 +42,25 @@ class Spectra:
 
     Attributes
     ----------
-    power : (n, 2, J) float32
-        Power by half sweep (of a triangle 0 up, 1 down) and cell, of frames divided by ``scale``.
-    support : (n, 2) float64
-        Share of each half sweep that its noise lasts for (`support_of`).
-    beat_hz : (J,) float64
-        Cells' beat frequencies.
-    scale : (n,) float32
-        Largest rail of the decimated beats, by which each frame was divided; 0 or not finite where it is unusable.
     frames, cells : (n, N), (n, 2, J) complex64 or None
         What they are of, for `BeatSpectra.beyond`, and their roots of power with phase; None of spectra that are no
         single frame's.
-    quality : (n,) of `QUALITY_DTYPE` or None
-        Of the received frames, where that is known.
     """
 
     power: np.ndarray
+    """(n, 2, J) float32: power by half sweep (of a triangle 0 up, 1 down) and cell, of frames divided by
+    ``scale``."""
     support: np.ndarray
+    """(n, 2) float64: share of each half sweep that its noise lasts for (`support_of`)."""
     beat_hz: np.ndarray
+    """(J,) float64: cells' beat frequencies."""
     scale: np.ndarray
+    """(n,) float32: largest rail of the decimated beats, by which each frame was divided; 0 or not finite where it is
+    unusable."""
     frames: np.ndarray | None = None
     cells: np.ndarray | None = None
     quality: np.ndarray | None = None
+    """(n,) of `QUALITY_DTYPE` or None: of the received frames, where that is known."""
 
 
 class BeatSpectra:
@@ -133,7 +130,7 @@ class BeatSpectra:
         turn = np.exp(2j * np.pi * self.centre_hz * t)
         turns = np.stack([turn if slope > 0 else np.conj(turn) for slope in w.half_slopes])
         table = table * turns * (window / window.sum())
-        self._table = table.astype(np.complex64)
+        self.mixer = table.astype(np.complex64)
         turns = np.exp(-2j * np.pi * self._bins * self.cell_hz / w.rate_hz)
         response = np.polynomial.polynomial.polyval(turns, self.decimator.taps)
         # equalises power for the filter's response and for the noise that the blind part removes
@@ -153,10 +150,10 @@ class BeatSpectra:
     def _blind_samples(self, beat_hz: np.ndarray | float) -> np.ndarray:
         """Samples at the beginning of a half sweep in which a return of a beat is far off its beat.
 
-        There it is still on the other slope, and a beat-shifted sweep lies past the edge of the band, where a fraction
-        of a sample of latency turns its phase. Either would pull the beat, by up to 0.4 m at 1500 m. In the last of
-        these samples the other slope is no more than `_CLOSE` off, and pulls by 2 mm. These samples are kept: where
-        interference fills the middle of the sweep, its edges are all that a method leaves.
+        There it is still on the other slope, and a beat-shifted sweep lies past the edge of the band, where a
+        fraction of a sample of latency turns its phase. Either would pull the beat, by up to 0.4 m at 1500 m. In the
+        last of these samples the other slope is no more than `_CLOSE` off, and pulls by 2 mm. These samples are kept:
+        where interference fills the middle of the sweep, its edges are all that a method leaves.
         """
         w = self.waveform
         limit_s = float(altitude_to_delay_s(self.settings.max_altitude_m))
@@ -195,7 +192,7 @@ class BeatSpectra:
         if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
-            low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self._table)
+            low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self.mixer)
         return self.of_beats(low, frames, quality)
 
     def of_beats(
@@ -230,15 +227,13 @@ class BeatSpectra:
             out[:] = spectra.quality["beyond"][at]
             hidden = np.flatnonzero(np.isnan(out))
         if hidden.size:
-            frames = spectra.frames[at[hidden]]
-            scale = spectra.scale[at[hidden]].astype(float) * self.decimation
-            within = spectra.power[at[hidden]].max(axis=-1).sum(axis=-1) * scale**2
-            energy = (
-                np.array([np.vdot(frame, frame).real for frame in frames]) / self.waveform.samples_per_half
-            )
-            room = energy > (1.0 + _ROOM * least) * within
+            at = at[hidden]
+            scale = spectra.scale[at].astype(float) * self.decimation
+            within = spectra.power[at].max(axis=-1).sum(axis=-1) * scale**2
+            energy = [np.vdot(spectra.frames[k], spectra.frames[k]).real for k in at]
+            room = np.array(energy) / self.waveform.samples_per_half > (1.0 + _ROOM * least) * within
             out[hidden] = 0.0
-            out[hidden[room]] = np.nan_to_num(self._beyond_span.ratio(frames[room]))
+            out[hidden[room]] = np.nan_to_num(self._beyond_span.ratio(spectra.frames[at[room]]))
         return out
 
     def moments(self, spectra: Spectra) -> np.ndarray:

@@ -32,15 +32,9 @@ _AT_ONCE = 8  # frames: SciPy transforms several rows at once in less time, and 
 class BeyondSpan:
     """Which frames show a return beyond the span, stronger than everything within it.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    max_altitude_m : float
-        Highest altitude that the altimeter searches.
-
-    Notes
-    -----
     Costs two FFTs of a half sweep per frame.
+
+    ``max_altitude_m``: highest altitude that the altimeter searches.
 
     Examples
     --------

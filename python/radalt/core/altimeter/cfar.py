@@ -22,33 +22,20 @@ _TINY = float(np.finfo(np.float32).tiny)
 
 
 class Significance(NamedTuple):
-    """Cells of both half sweeps, held against noise.
+    """Cells of both half sweeps, held against noise."""
 
-    Attributes
-    ----------
-    power : (n, 2, C) float32
-        Of the cells that have all their training cells.
-    noise : (n, 2, C) float32
-        Noise level, without the cell's own energy.
-    level : (n, 2, C) or (n, 2, 1) float32
-        Noise level with it: the same for every cell of a white band, so that cells compare as their powers do.
-    looks : (n, 2) float32
-        Independent cells that the noise level is the mean of.
-    support : (n, 2) float
-        See `support_of`.
-    colour : (n, 2) float
-        0 where the level is that of the whole band, 1 where it is that of the cells around.
-    spared : (n,) float32
-        ln(cells per independent trial), mean of both halves: above 0 where a shortened window widens the main lobe.
-    """
-
-    power: np.ndarray
-    noise: np.ndarray
+    power: np.ndarray  # (n, 2, C) float32: of the cells that have all their training cells
+    noise: np.ndarray  # (n, 2, C) float32: noise level, without the cell's own energy
     level: np.ndarray
-    looks: np.ndarray
-    support: np.ndarray
+    """(n, 2, C) or (n, 2, 1) float32: noise level with it: the same for every cell of a white band, so that cells
+    compare as their powers do."""
+    looks: np.ndarray  # (n, 2) float32: independent cells that the noise level is the mean of
+    support: np.ndarray  # (n, 2) float: see `support_of`
     colour: np.ndarray
+    """(n, 2) float: 0 where the level is that of the whole band, 1 where it is that of the cells around."""
     spared: np.ndarray
+    """(n,) float32: ln(cells per independent trial), mean of both halves: above 0 where a shortened window widens the
+    main lobe."""
 
     @property
     def value(self) -> np.ndarray:
@@ -77,26 +64,9 @@ class Significance(NamedTuple):
 class Cfar:
     """Cell averaging, over the whole band where its noise is white and around the cell where it is not.
 
-    Parameters
-    ----------
-    train, guard : int
-        Training groups on each side around a group of cells, and guard groups between.
-    group : int
-        Neighbouring cells that share a noise level: as many as a resolution cell has.
-    per_resolution : float
-        Cells per resolution cell, ``1 / T_h``.
-    energy : float
-        Energy of a tone over its power in the cell where it peaks.
-    whole : float
-        Support of white noise under the window.
-    change : float
-        Mean squared change of white noise from cell to cell, over its mean square.
-
-    Notes
-    -----
-    A cell of power ``P`` over the mean of ``K`` independent noise cells exceeds ``r`` with probability
-    ``(1 + r/K)^-K``, so ``K log(1 + r/K)`` is exponential of mean 1 whatever ``K`` is. Interference that lasts for a
-    share of the half sweep gives cells that are correlated over the inverse of that share: ``K`` falls with it
+    A cell of power ``P`` over the mean of ``K`` independent noise cells exceeds ``r`` with probability ``(1 +
+    r/K)^-K``, so ``K log(1 + r/K)`` is exponential of mean 1 whatever ``K`` is. Interference that lasts for a share
+    of the half sweep gives cells that are correlated over the inverse of that share: ``K`` falls with it
     (`support_of`).
 
     White noise is averaged over the band, less what a tone of the cell's power adds to it: a level of 32 cells costs
@@ -106,17 +76,19 @@ class Cfar:
     fills one or two blocks and does not move the quartiles. One of a sweep in pieces fills more: `colour_beyond`.
 
     A network that was trained on a span of altitudes leaves little beyond it, so that the band's mean is below the
-    level within. Blocks do not show that where support is narrow: each has too few independent cells. `declared_level`
-    compares all cells on either side of the span's ends.
+    level within. Blocks do not show that where support is narrow: each has too few independent cells.
+    `declared_level` compares all cells on either side of the span's ends.
+
+    - ``train``, ``guard``: training groups on each side around a group of cells, and guard groups between
     """
 
     train: int = 16
     guard: int = 1
-    group: int = 4
-    per_resolution: float = 4.0
-    energy: float = 4.0
-    whole: float = 1.0
-    change: float = 0.19
+    group: int = 4  # neighbouring cells that share a noise level: as many as a resolution cell has
+    per_resolution: float = 4.0  # cells per resolution cell, ``1 / T_h``
+    energy: float = 4.0  # energy of a tone over its power in the cell where it peaks
+    whole: float = 1.0  # support of white noise under the window
+    change: float = 0.19  # mean squared change of white noise from cell to cell, over its mean square
 
     def __post_init__(self) -> None:
         if self.train < 2 or self.guard < 0:
@@ -134,13 +106,8 @@ class Cfar:
     ) -> Significance:
         """Significance of the cells that have all their training cells: element 0 belongs to cell ``margin``.
 
-        Parameters
-        ----------
-        power : (n, 2, J) float32
-        support : (n, 2) float
-            See `support_of`.
-        colour : (n, 2) float, optional
-            See `Significance`; by default it follows from the band's blocks.
+        ``power`` (n, 2, J) float32; ``support`` (n, 2) float: see `support_of`; ``colour`` (n, 2) float: see
+        `Significance`; by default it follows from the band's blocks.
         """
         t, g, q = self.train, self.guard, self.group
         m = t + g
@@ -180,19 +147,8 @@ class Cfar:
         threshold is not lowered. Without this, 5 % of frames of a mixture alone at INR 50 dB were declared behind the
         shipped network.
 
-        Parameters
-        ----------
-        power : (n, 2, J) float32
-        cells : Significance
-        at : (n, 2) int
-            Cells found, of all J.
-        span : slice
-            Cells searched, of all J.
-
-        Returns
-        -------
-        noise : (n, 2) float array
-        own : (n,) bool array
+        ``power`` (n, 2, J) float32; ``at`` (n, 2) int: cells found, of all J; ``span``: cells searched, of all J.
+        Returns ``noise`` (n, 2) float; ``own`` (n,) bool.
         """
         total = power.shape[-1]
         rows = power.reshape(-1, total)
@@ -215,14 +171,10 @@ class Cfar:
     def shared(self, power: np.ndarray, at: np.ndarray) -> np.ndarray:
         """(n, 2) logarithm of the cells that are one trial, against white noise, by how slowly power changes.
 
-        Noise in a part of the half sweep changes slowly from cell to cell, with the standard deviation of the time that
-        it lasts. Pieces from all over the sweep have little support and change as fast as white noise.
+        Noise in a part of the half sweep changes slowly from cell to cell, with the standard deviation of the time
+        that it lasts. Pieces from all over the sweep have little support and change as fast as white noise.
 
-        Parameters
-        ----------
-        power : (n, 2, J) float32
-        at : (n, 2) int
-            Cells found, of all J: those near by do not count.
+        ``power`` (n, 2, J) float32; ``at`` (n, 2) int: cells found, of all J: those near by do not count.
         """
         far = np.abs(np.arange(power.shape[-1]) - at[..., None]) > _NEAR * self.per_resolution
         kept = np.where(far, power, 0.0)
@@ -248,12 +200,7 @@ class Cfar:
         Where a method leaves pieces of the sweep, a return has side lobes over a quarter of the band. Its blocks then
         differ as those of coloured noise do, and the level around the return is its own.
 
-        Parameters
-        ----------
-        power : (n, 2, J) float32
-        support : (n, 2) float
-        at : (n, 2) int
-            Cells found, of all J.
+        ``power`` (n, 2, J) float32; ``support`` (n, 2) float; ``at`` (n, 2) int: cells found, of all J.
         """
         size = self._block * self.group
         count = power.shape[-1] // size
@@ -306,12 +253,8 @@ def support_of(samples: np.ndarray, count: float) -> np.ndarray:
     ``2 (sum e)^2 / (n sum e^2)`` with ``e = |x|^2``: 1 for Gaussian noise of constant power (``E e^2 = 2 (E e)^2``),
     its share for noise in a part of the samples. Kept within 0.05..1.
 
-    Parameters
-    ----------
-    samples : (..., M) complex
-        Dechirped and decimated.
-    count : float
-        Samples ``n`` that make up the half sweep, without what filters add.
+    ``samples`` (..., M) complex: dechirped and decimated; ``count``: samples ``n`` that make up the half sweep,
+    without what filters add.
     """
     rails = samples.view(np.float32)
     squares = rails * rails

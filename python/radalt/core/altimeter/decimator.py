@@ -13,23 +13,12 @@ _THREADS = 16  # threads for which buffers are kept; a flowgraph has an altimete
 class Decimator:
     """Keeps a band of ``width_hz`` around zero of blocks of ``samples`` samples, aliases 80 dB down.
 
-    Parameters
-    ----------
-    samples : int
-        Samples per block, taken as zero beyond both ends.
-    rate_hz : float
-        Complex input rate.
-    width_hz : float
-        Band to keep, <= ``rate_hz``. A transition band as wide keeps the filter near 4 taps per phase.
-
-    Attributes
-    ----------
-    factor : int
-        Decimation; 1 passes the input through.
-    rate_out_hz : float
-    taps : (T,) float array
-    outputs : int
-        Output samples per block, the filter's tail included.
+    - ``samples``: samples per block, taken as zero beyond both ends
+    - ``rate_hz``: complex input rate
+    - ``width_hz``: band to keep, <= ``rate_hz``. A transition band as wide keeps the filter near 4 taps per phase.
+    - ``factor``: decimation; 1 passes the input through
+    - ``taps`` (T,) float
+    - ``outputs``: output samples per block, the filter's tail included
 
     Examples
     --------

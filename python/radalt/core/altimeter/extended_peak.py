@@ -17,18 +17,12 @@ def centroid_of(power: np.ndarray, cell: int) -> float:
 def edge_of(power: np.ndarray, cell: int, peak: float, lobe: tuple[np.ndarray, np.ndarray]) -> float:
     """Fractional cell of the nearest target on the rise towards ``cell``.
 
-    The first cell of the run above a quarter of the peak lies on the near flank of the nearest target's main lobe; its
-    level says how far before that target it lies. Exact for a point target, for which the run is the main lobe.
+    The first cell of the run above a quarter of the peak lies on the near flank of the nearest target's main lobe;
+    its level says how far before that target it lies. Exact for a point target, for which the run is the main lobe.
 
-    Parameters
-    ----------
-    power : (J,) power by cell
-    cell : int
-        Peak cell.
-    peak : float
-        Power of the peak between the cells, at least ``power[cell]``.
-    lobe : (power, distance)
-        Main lobe of a point target: rising relative power, and the distance from its peak in cells.
+    ``power`` (J,); ``cell``: peak cell; ``peak``: power of the peak between the cells, at least ``power[cell]``;
+    ``lobe`` (power, distance): main lobe of a point target: rising relative power, and the distance from its peak in
+    cells.
     """
     above = power > 0.25 * peak
     # interference of two scatterers: a dip of one cell, a quarter of a resolution cell, does not end the run

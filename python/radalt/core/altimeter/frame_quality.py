@@ -16,11 +16,7 @@ QUALITY_DTYPE = np.dtype([("peak", np.float32), ("beyond", np.float64)])
 class FrameQuality:
     """Quality of received frames, for methods, altimeter and tracker alike.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    max_altitude_m : float
-        Highest altitude that the altimeter searches.
+    ``max_altitude_m``: highest altitude that the altimeter searches.
 
     Examples
     --------

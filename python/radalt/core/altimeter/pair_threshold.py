@@ -22,26 +22,16 @@ def upcrossings(window: np.ndarray) -> float:
 def pair_threshold(rate: float, cells: float, partners: float, crossing: float, floor: float) -> float:
     """Threshold on the sum of both half sweeps' significance that white noise exceeds ``rate`` times per frame.
 
-    Parameters
-    ----------
-    rate : float
-        Expected false alarms per frame.
-    cells : float
-        Resolution cells searched.
-    partners : float
-        Width of the differences between up and down cell that are searched, in resolution cells; 0 for one partner.
-    crossing : float
-        See `upcrossings`.
-    floor : float
-        Least significance that each half sweep has to show on its own.
+    Along one difference the sum of two is a chi-square process of four degrees of freedom, which crosses ``T`` ``a
+    T^1.5 exp(-T)`` times per resolution cell. Over a width of differences there is one trial per pair of local
+    maxima; a strong peak of one half sweep is counted once, however many partners lift it over ``T``. The floor
+    leaves ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. Only the share `_HAPPENS` of them has to be within the
+    rate: peaks cluster, fall between points, and the pair of greatest power need not be the one that exceeds the
+    floor.
 
-    Notes
-    -----
-    Along one difference the sum of two is a chi-square process of four degrees of freedom, which crosses ``T``
-    ``a T^1.5 exp(-T)`` times per resolution cell. Over a width of differences there is one trial per pair of local
-    maxima; a strong peak of one half sweep is counted once, however many partners lift it over ``T``. The floor leaves
-    ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. Only the share `_HAPPENS` of them has to be within the rate: peaks
-    cluster, fall between points, and the pair of greatest power need not be the one that exceeds the floor.
+    ``rate``: expected false alarms per frame; ``cells``: resolution cells searched; ``partners``: width of the
+    differences between up and down cell that are searched, in resolution cells; 0 for one partner; ``crossing``: see
+    `upcrossings`; ``floor``: least significance that each half sweep has to show on its own.
     """
 
     def log_excess(level: float) -> float:

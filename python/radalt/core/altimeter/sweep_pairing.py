@@ -31,72 +31,44 @@ _BROAD = 1.2
 
 
 class Found(NamedTuple):
-    """Outcome of a search over n frames.
+    """Outcome of a search over n frames."""
 
-    Attributes
-    ----------
-    reason : (n,) int
-        `Reason`, as far as the spectrum decides it.
-    pair : (n, 2) int
-        Up and down cell counted from the margin; without detection the best pair all the same.
-    around : (n, 2, 3) float32
-        Power of each cell and its two neighbours.
-    noise : (n, 2) float32
-        Noise level of each cell.
-    lead : (n,) float32
-        Joint significance of the pair less that of the best other pair, both halves' noise taken as one.
-    mean : (n, 2) float
-        Mean of the likelihood around a pair of which a half sweep is broad, in cells counted from the margin; else NaN.
-    """
-
-    reason: np.ndarray
+    reason: np.ndarray  # (n,) int: `Reason`, as far as the spectrum decides it
     pair: np.ndarray
-    around: np.ndarray
-    noise: np.ndarray
+    """(n, 2) int: up and down cell counted from the margin; without detection the best pair all the same."""
+    around: np.ndarray  # (n, 2, 3) float32: power of each cell and its two neighbours
+    noise: np.ndarray  # (n, 2) float32: noise level of each cell
     lead: np.ndarray
+    """(n,) float32: joint significance of the pair less that of the best other pair, both halves' noise taken as
+    one."""
     mean: np.ndarray
+    """(n, 2) float: mean of the likelihood around a pair of which a half sweep is broad, in cells counted from the
+    margin; else NaN."""
 
 
 @dataclass(frozen=True, eq=False)
 class PairSearch:
     """Joint test of both half sweeps.
 
-    Parameters
-    ----------
-    cfar : Cfar
-        Which gives the noise levels; its margin are the cells at either end of the spectrum that have none.
-    first, last : int
-        Cells searched, ``first..last-1``, counted from the margin.
-    apart : (int, int)
-        Least and greatest difference, up cell less down cell, that the allowed speeds make.
-    per_resolution : int
-        Cells per resolution cell.
-    cell_threshold, pair_threshold : float
-        On one cell's significance, and on the sum of two.
-    spare : float
-        Decrease of the pair threshold per unit of `Significance.spared`: 1 per cell searched, 2 per pair of cells.
-    flank : float
-        Ratio of the power half a resolution cell away to a cell's own that no peak reaches.
-    side_lobes : (J,) float array
-        Greatest side lobe by distance in cells.
-    outshining : bool
-        Whether a strongest cell beyond the span of altitudes is taken for the return.
-    near : float or None
-        Distance of altitudes, in cells, within which most of the pairs' likelihood has to lie; None: no such test.
+    - ``first``, ``last``: cells searched, ``first..last-1``, counted from the margin
+    - ``cell_threshold``, ``pair_threshold``: on one cell's significance, and on the sum of two
     """
 
-    cfar: Cfar
+    cfar: Cfar  # which gives the noise levels; its margin are the cells at either end of the spectrum that have none
     first: int
     last: int
     apart: tuple[int, int]
-    per_resolution: int
+    """(int, int): least and greatest difference, up cell less down cell, that the allowed speeds make."""
+    per_resolution: int  # cells per resolution cell
     cell_threshold: float
     pair_threshold: float
     spare: float
-    flank: float
-    side_lobes: np.ndarray
-    outshining: bool
+    """Decrease of the pair threshold per unit of `Significance.spared`: 1 per cell searched, 2 per pair of cells."""
+    flank: float  # ratio of the power half a resolution cell away to a cell's own that no peak reaches
+    side_lobes: np.ndarray  # (J,) float: greatest side lobe by distance in cells
+    outshining: bool  # whether a strongest cell beyond the span of altitudes is taken for the return
     near: float | None = None
+    """Distance of altitudes, in cells, within which most of the pairs' likelihood has to lie; None: no such test."""
 
     def __call__(self, power: np.ndarray, cells: Significance) -> Found:
         """The pair of greatest power over noise, and whether it is a target.
@@ -106,11 +78,7 @@ class PairSearch:
         both halves. Forced and declared decisions are the same pair: it is declared if the sum of its significance
         exceeds the threshold and each half sweep shows it above a floor of its own.
 
-        Parameters
-        ----------
-        power : (n, 2, J) float32
-        cells : Significance
-            Of the cells with a noise level.
+        ``power`` (n, 2, J) float32; ``cells``: of the cells with a noise level.
         """
         fine = self._finer(power)
         level = cells.level
@@ -267,22 +235,13 @@ class PairSearch:
         A tone of unknown phase in noise has the likelihood ``exp(P / noise)`` in a cell of power ``P``. Those of the
         two half sweeps multiply, and every altitude and every allowed speed is as likely as any other beforehand.
 
-        Parameters
-        ----------
-        fine : (n, 2, points) float32
-            Powers, see `_finer`.
-        noise : (n, 2) float32
-        at : (n, 2) int
-            Points of the pairs found.
+        - ``fine`` (n, 2, points) float32: powers, see `_finer`
+        - ``noise`` (n, 2) float32
+        - ``at`` (n, 2) int: points of the pairs found
 
-        Returns
-        -------
-        mass : (n,) float
-            Share of the likelihood within ``near`` of the mean altitude.
-        mean : (n, 2) float
-            Points of the mean of all pairs within twice ``near`` of the one found.
-        spread : (n,) float
-            Standard deviation of the difference of their points.
+        Returns ``mass`` (n,) float: share of the likelihood within ``near`` of the mean altitude; ``mean`` (n, 2)
+        float: points of the mean of all pairs within twice ``near`` of the one found; ``spread`` (n,) float: standard
+        deviation of the difference of their points.
         """
         each = fine / noise[..., None]
         each -= each.max(axis=-1, keepdims=True)
@@ -343,8 +302,8 @@ class PairSearch:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Flags by the strongest cell of each half sweep: (n, 2) the cell may be a side lobe of it.
 
-        And (n,) the strongest is the return: it lies beyond the span of altitudes in both half sweeps, 10 dB above the
-        cells found.
+        And (n,) the strongest is the return: it lies beyond the span of altitudes in both half sweeps, 10 dB above
+        the cells found.
         """
         strongest, top = power.argmax(axis=-1), power.max(axis=-1)
         side_lobe = here <= self.side_lobes[np.abs(strongest - (pair + self.cfar.margin))] * top

@@ -16,16 +16,13 @@ _NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6
 
 @dataclass(frozen=True)
 class EnvelopeGain:
-    """Gains of an amplifier under a strong signal.
+    """Gains of an amplifier under a strong signal."""
 
-    ``own``: gain of the strong signal's amplitude (of the part that correlates with it); ``weak``: mean gain of a
-    weak signal's amplitude; ``modulation``: variance of that gain over its square: the power of a weak line that the
-    strong envelope turns into a noise skirt as wide as the strong signal's band.
-    """
-
-    own: float
-    weak: float
+    own: float  # gain of the strong signal's amplitude (of the part that correlates with it)
+    weak: float  # mean gain of a weak signal's amplitude
     modulation: float
+    """Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
+    skirt as wide as the strong signal's band."""
 
 
 @dataclass(frozen=True)
@@ -36,18 +33,12 @@ class Amplifier:
 
     ``A3`` is the amplitude at IIP3, and ``b`` follows from P1dB exactly. Rapp's law alone (no ``A3``) ties IIP3 to
     P1dB; the cubic alone grows without bound.
-
-    Parameters
-    ----------
-    p1db_dbm : float
-        Input power at which the gain has fallen by 1 dB.
-    iip3_dbm : float
-        Input third-order intercept point, more than 7.8 dB above ``p1db_dbm``: below, the cubic term alone compresses
-        sooner.
     """
 
-    p1db_dbm: float
+    p1db_dbm: float  # input power at which the gain has fallen by 1 dB
     iip3_dbm: float
+    """Input third-order intercept point, more than 7.8 dB above ``p1db_dbm``: below, the cubic term alone compresses
+    sooner."""
 
     def __post_init__(self) -> None:
         if not self._rest > 0:
@@ -146,14 +137,10 @@ class Bursts:
 
 @dataclass(frozen=True)
 class Converter:
-    """Gain control and analogue-to-digital converter of the IF.
+    """Gain control and analogue-to-digital converter of the IF."""
 
-    ``bits``: per rail, 4..24; ``headroom_db``: full scale over the rms of a rail, which the gain control sets anew
-    for every output.
-    """
-
-    bits: int
-    headroom_db: float
+    bits: int  # per rail, 4..24
+    headroom_db: float  # full scale over the rms of a rail, which the gain control sets anew for every output
 
     def __call__(self, frames: np.ndarray, rms: np.ndarray | float) -> np.ndarray:
         """Clipped and rounded samples (n, N) of frames, ``rms`` that of their rails, a scalar or (n, 1)."""

@@ -20,14 +20,11 @@ _FACETS = 4000  # number of facets: 8 in the first metre of range at 5,000 ft
 
 @dataclass(frozen=True)
 class DiffuseGround:
-    """Level ground that scatters without a specular part, with independent speckle per sweep.
-
-    ``forward_m_per_s``: horizontal speed: the Doppler of facets ahead and behind.
-    """
+    """Level ground that scatters without a specular part, with independent speckle per sweep."""
 
     antenna: Antenna
     ground: Reflectivity
-    forward_m_per_s: float = 0.0
+    forward_m_per_s: float = 0.0  # horizontal speed: the Doppler of facets ahead and behind
 
     def frame(
         self, waveform: Waveform, height_m: float, power_mw: float, rng: np.random.Generator

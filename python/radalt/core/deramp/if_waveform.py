@@ -29,9 +29,6 @@ class IfWaveform(Waveform):
     `Altimeter`, `AltitudeTracker` and methods of mitigation take it like any other waveform. Phases and frequencies
     are those of the sweep on the air.
 
-    ``pass_hz``: flat part of the IF filter, to either side of zero; > 0 and below ``rate_hz / 2``, from where on it
-    is 80 dB down.
-
     Examples
     --------
     >>> w = IfWaveform(bandwidth_hz=150e6, sweep_s=7e-3, rate_hz=1.536e6, pass_hz=0.5e6)
@@ -40,6 +37,8 @@ class IfWaveform(Waveform):
     """
 
     pass_hz: float = 0.5e6
+    """Flat part of the IF filter, to either side of zero; > 0 and below ``rate_hz / 2``, from where on it is 80 dB
+    down."""
 
     deramped: ClassVar[bool] = True
 

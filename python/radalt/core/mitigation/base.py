@@ -20,21 +20,15 @@ class MitigationError(ValueError):
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """How a method is drawn, the same in every figure.
-
-    Attributes
-    ----------
-    colour : str
-        ``#RRGGBB``, of Okabe and Ito's palette where one is left: distinguishable with any colour vision.
-    marker : str
-        In matplotlib's letters.
-    line : str or (offset, (on, off, ...))
-        Solid ``"-"``, or dashes in points; marker and line tell methods apart in grey as well.
-    """
+    """How a method is drawn, the same in every figure."""
 
     colour: str
+    """``#RRGGBB``, of Okabe and Ito's palette where one is left: distinguishable with any colour vision."""
     marker: str = "o"
+    """In matplotlib's letters."""
     line: str | tuple[float, tuple[float, ...]] = "-"
+    """(str or (offset, (on, off, ...))): solid ``"-"``, or dashes in points; marker and line tell methods apart in
+    grey as well."""
 
 
 class Mitigation(ABC):

@@ -23,14 +23,10 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class CalibrationKey:
-    """Radio, master clock and rate to which a latency belongs.
+    """Radio, master clock and rate to which a latency belongs."""
 
-    ``device_type``: type that the radio reports (``B210``); ``serial``: serial number; empty where the radio reports
-    none, and then nothing is stored or found.
-    """
-
-    device_type: str
-    serial: str
+    device_type: str  # type that the radio reports (``B210``)
+    serial: str  # serial number; empty where the radio reports none, and then nothing is stored or found
     master_clock_hz: float
     rate_hz: float
 

@@ -13,35 +13,29 @@ from ..plugins import load_plugins
 class Device:
     """A type of radio that UHD drives. Ranges are (lowest, highest), both allowed.
 
-    - ``name``: name in a scene
-    - ``title``: name in messages
-    - ``uhd_type``: UHD's device argument ``type``
-    - ``uhd_name``: UHD's name of the motherboard (``mboard_id``): a radio with another name is refused
     - ``tuning_hz``, ``master_clock_hz``, ``rate_hz`` (float, float): centre frequencies, master clocks and sample
       rates
     - ``tx_gain_db``, ``rx_gain_db`` (float, float)
-    - ``max_tx_dbm``: power of a full-scale tone at the highest transmit gain, an upper bound
-    - ``max_rx_dbm``: highest input that does no damage
     - ``tx_antenna``, ``rx_antenna``: ports, distinct since the radar transmits and receives at once
-    - ``two_channels_hz``: highest master clock with two receive channels; 0 where there is one
-    - ``link_hz``: samples per second that the link to the computer carries, both directions together
     """
 
-    name: str
-    title: str
-    uhd_type: str
-    uhd_name: str
+    name: str  # name in a scene
+    title: str  # name in messages
+    uhd_type: str  # UHD's device argument ``type``
+    uhd_name: str  # UHD's name of the motherboard (``mboard_id``): a radio with another name is refused
     tuning_hz: tuple[float, float]
     master_clock_hz: tuple[float, float]
     rate_hz: tuple[float, float]
     tx_gain_db: tuple[float, float]
     rx_gain_db: tuple[float, float]
-    max_tx_dbm: float
-    max_rx_dbm: float
+    max_tx_dbm: float  # power of a full-scale tone at the highest transmit gain, an upper bound
+    max_rx_dbm: float  # highest input that does no damage
     tx_antenna: str
     rx_antenna: str
-    two_channels_hz: float = 0.0
-    link_hz: float = math.inf
+    two_channels_hz: float = 0.0  # highest master clock with two receive channels; 0 where there is one
+    link_hz: float = (
+        math.inf
+    )  # samples per second that the link to the computer carries, both directions together
 
     def __post_init__(self) -> None:
         for name in ("tuning_hz", "master_clock_hz", "rate_hz", "tx_gain_db", "rx_gain_db"):

@@ -7,21 +7,15 @@ import numpy as np
 
 @dataclass
 class Frame:
-    """One whole frame at known timing.
+    """One whole frame at known timing."""
 
-    - ``index``: sweep number since the transmitter's start
-    - ``start_sample``: sample counter at the frame's first sample, lost samples included
-    - ``samples`` (N,) complex64
-    - ``offset_s``: delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter
-      subtracts it
-    - ``auxiliary`` (N,) complex64 or None: the second channel's samples of the same time, in the block that cuts both
-    """
-
-    index: int
-    start_sample: int
-    samples: np.ndarray
+    index: int  # sweep number since the transmitter's start
+    start_sample: int  # sample counter at the frame's first sample, lost samples included
+    samples: np.ndarray  # (N,) complex64
     offset_s: float
+    """Delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter subtracts it."""
     auxiliary: np.ndarray | None = None
+    """(N,) complex64 or None: the second channel's samples of the same time, in the block that cuts both."""
 
     def keep(self, lent: np.ndarray) -> None:
         """Take samples of its own where they are a view of ``lent``, see `FrameSegmenter.push`."""

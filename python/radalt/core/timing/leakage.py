@@ -40,18 +40,15 @@ _LEAST_FRAMES = 20  # least frames of a calibration
 
 @dataclass(frozen=True)
 class LeakageCalibration:
-    """Leakage of one installation, and its delay.
+    """Leakage of one installation, and its delay."""
 
-    - ``waveform``: the sweep it was measured with
-    - ``coefficients`` (2, SHAPES) complex128: of the shapes of `LeakageCanceller`, by half sweep, for timing taken on
-      the leakage itself
-    - ``installation_delay_m``: metres by which altitudes come out too high with timing taken on the leakage: cables
-      to the antennas, less the leakage's own path
-    """
-
-    waveform: Waveform
+    waveform: Waveform  # the sweep it was measured with
     coefficients: np.ndarray
+    """(2, SHAPES) complex128: of the shapes of `LeakageCanceller`, by half sweep, for timing taken on the leakage
+    itself."""
     installation_delay_m: float = 0.0
+    """Metres by which altitudes come out too high with timing taken on the leakage: cables to the antennas, less the
+    leakage's own path."""
 
     @classmethod
     def measured(

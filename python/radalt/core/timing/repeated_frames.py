@@ -14,6 +14,9 @@ _NOISE_CELLS, _LIKE = 24, 0.85
 # with the same noise that have it; times in a row with the same lag. Under interference that repeats itself exactly the
 # return of an aircraft has another phase in all but one of a hundred.
 _SAME_PHASE, _MOST, _TIMES = 0.3, 0.9, 3
+# Power over the median at which the difference of two frames has a line (white noise: once in a billion cells), and
+# over the strongest line of a frame: below it is rounding.
+_LINE, _ROUNDING = 30.0, 1e-9
 
 
 class RepeatedFrames:
@@ -59,15 +62,19 @@ class RepeatedNoise:
     """Notices a receiver whose noise comes again: a ring of up to a minute, or a buffer with another gain, phase or DC.
 
     The noise is that of cells off the span of altitudes, without the side lobes of a return, by phase alone, so that
-    no strong line decides. One frame of each block is compared with all frames of the last minute. A return that
-    stands to the millimetre repeats itself, and so may interference: both at once are taken for a frozen receiver.
+    no strong line decides. One frame of each block is compared with all frames of the last minute. Interference may
+    repeat itself, too: then a return that moves is left in the difference of two frames, where one is in the last
+    second. A return that stands to the millimetre under such interference is taken for a frozen receiver.
 
     ``spectra``: by which the frames are transformed; ``step``: frames per comparison.
     """
 
     def __init__(self, spectra: BeatSpectra, step: int) -> None:
         self._step = step
-        self._memory = max(2 * step, round(_RING_S / spectra.waveform.sweep_s))
+        self._memory, self._recalled = (
+            max(2 * step, round(time_s / spectra.waveform.sweep_s)) for time_s in (_RING_S, _MEMORY_S)
+        )
+        self._span = slice(*np.searchsorted(spectra.beat_hz, spectra.search_hz))
         per = max(1, round(1.0 / (spectra.cell_hz * spectra.waveform.half_sweep_s)))
         low, high = np.searchsorted(spectra.beat_hz, spectra.search_hz)
         beside = np.r_[
@@ -82,6 +89,7 @@ class RepeatedNoise:
         """Forget all frames."""
         self._noise = np.zeros((0, 2 * self._at.size), dtype=np.complex64)
         self._lines, self._cells = np.zeros((0, 2), dtype=np.complex64), np.zeros((0, 2), dtype=np.int16)
+        self._whole = np.zeros((self._recalled, 2, self._span.stop - self._span.start), dtype=np.complex64)
         self._count = self._times = self._lag = 0
 
     def check(self, received: Spectra, cleaned: Spectra, usable: np.ndarray) -> np.ndarray:
@@ -96,7 +104,7 @@ class RepeatedNoise:
         cells = self._as_received(received.cells[usable])
         noise = cells[..., at] - 0.5 * (cells[..., at - per] + cells[..., at + per])
         noise /= np.maximum(np.abs(noise), np.finfo(np.float32).tiny)
-        noise = noise.reshape(len(cells), -1)
+        noise, whole = noise.reshape(len(cells), -1), cells[..., self._span]
         top = cleaned.power[usable].argmax(axis=-1)
         cells = self._as_received(cleaned.cells[usable])
         lines = np.take_along_axis(cells, top[..., None], axis=-1)[..., 0]
@@ -104,7 +112,8 @@ class RepeatedNoise:
         while first < len(again):
             last = min(len(again), first + self._step - self._count % self._step)
             if self._count % self._step == 0:
-                self._compare(noise[first], lines[first], top[first])
+                self._compare(noise[first], lines[first], top[first], whole[first])
+            self._whole[(self._count + np.arange(last - first)) % self._recalled] = whole[first:last]
             self._store(noise[first:last], lines[first:last], top[first:last])
             again[first:last] = self._times >= _TIMES
             first = last
@@ -125,7 +134,7 @@ class RepeatedNoise:
         place = (at + np.arange(len(noise))) % self._memory
         self._noise[place], self._lines[place], self._cells[place] = noise, lines, cells
 
-    def _compare(self, noise: np.ndarray, lines: np.ndarray, cells: np.ndarray) -> None:
+    def _compare(self, noise: np.ndarray, lines: np.ndarray, cells: np.ndarray, whole: np.ndarray) -> None:
         filled = min(self._count, self._memory)
         likeness = self._noise[:filled] @ noise.conj()
         near = np.nonzero(np.abs(likeness) >= _LIKE * noise.size)[0]
@@ -133,7 +142,21 @@ class RepeatedNoise:
         same = (np.abs(phase) < _SAME_PHASE) & (np.abs(self._cells[near] - cells) <= 1)
         same = same.all(axis=1)
         lags = (self._count - near[same]) % self._memory if same.sum() >= _MOST * near.size else near[:0]
+        if lags.size and self._moves(whole, int(lags.min())):
+            lags = lags[:0]
         if self._times and self._lag in lags:
             self._times += 1
         else:
             self._times, self._lag = (1, int(lags.min())) if lags.size else (0, 0)
+
+    def _moves(self, whole: np.ndarray, lag: int) -> bool:
+        """Whether the frame that is so many frames older leaves a line in both half sweeps, if it is still there."""
+        if lag > self._recalled:
+            return False
+        old = self._whole[(self._count - lag) % self._recalled]
+        gain = np.sum(whole * old.conj(), axis=-1) / np.maximum(
+            np.sum(np.abs(old) ** 2, axis=-1), np.finfo(np.float32).tiny
+        )
+        power = np.abs(whole - gain[:, None] * old) ** 2
+        least = _LINE * np.median(power, axis=-1) + _ROUNDING * np.max(np.abs(whole) ** 2, axis=-1)
+        return bool((power.max(axis=-1) > least).all())

@@ -11,16 +11,12 @@ MEMORY_FRAMES = 50  # frames for which a contradicted frame is remembered, and t
 
 @dataclass
 class _Doubt:
-    """A frame measured at another timing, and the slips that would explain it.
+    """A frame measured at another timing, and the slips that would explain it."""
 
-    ``index``: the frame's, as it was counted; ``frames`` (h,) int: whole frames lost, by slip; ``samples`` (h,)
-    float: timing error of each slip, in samples; ``tolerance``: largest error of the measured delay, in samples.
-    """
-
-    index: int
-    frames: np.ndarray
-    samples: np.ndarray
-    tolerance: float
+    index: int  # the frame's, as it was counted
+    frames: np.ndarray  # (h,) int: whole frames lost, by slip
+    samples: np.ndarray  # (h,) float: timing error of each slip, in samples
+    tolerance: float  # largest error of the measured delay, in samples
 
     def keep(self, which: np.ndarray) -> bool:
         """Drop all slips but some; whether any is left."""

@@ -36,17 +36,8 @@ class Deleter:
     track's Doppler. Before that its successor may be a false return that has pulled the tracker off (range-gate
     pull-off), and is no altitude. There is no time limit, since a pull-off can last.
 
-    Parameters
-    ----------
-    gate : Gate
-    settings : TrackerSettings
-    threshold : float
-        Strength from which a return can be held against a track's place.
-
-    Attributes
-    ----------
-    predecessor : Track or None
-        The certain track that ended last and whose place is not vacant yet.
+    ``threshold``: strength from which a return can be held against a track's place. ``predecessor``: the certain
+    track that ended last and whose place is not vacant yet.
     """
 
     def __init__(self, gate: Gate, settings: TrackerSettings, threshold: float) -> None:

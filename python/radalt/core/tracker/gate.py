@@ -29,12 +29,8 @@ class Gate:
     A return may continue a track if it lies within four standard deviations of the prediction, in altitude and speed,
     and is stronger than noise alone gives in one block of a hundred (`TrackerSettings.gate_pfa`).
 
-    Parameters
-    ----------
-    tables : Integrator
-        Of the blocks that tracks are measured in.
-    pfa : float
-        Probability that noise alone gives a detection within the gate, per block.
+    ``tables``: of the blocks that tracks are measured in; ``pfa``: probability that noise alone gives a detection
+    within the gate, per block.
     """
 
     def __init__(self, tables: Integrator, pfa: float) -> None:

@@ -23,26 +23,12 @@ class Initiator:
     """Holds candidates until enough blocks in a row have shown them.
 
     A candidate starts from the strongest pair of the whole span, if noise alone gives one as strong in one of 10,000
-    blocks (`TrackerSettings.search_pfa`) and both half sweeps show it. A track begins when three blocks in a row agree
-    (`TrackerSettings.confirm_outputs`).
+    blocks (`TrackerSettings.search_pfa`) and both half sweeps show it. A track begins when three blocks in a row
+    agree (`TrackerSettings.confirm_outputs`).
 
-    Parameters
-    ----------
-    gate : Gate
-    updater : Updater
-        Continues candidates as it does tracks.
-    deleter : Deleter
-        Says which contradict themselves.
-    settings : TrackerSettings
-    lowest_start_m : float
-        Below it no candidate starts: leakage is as static as hovering ground, and without a calibration nothing
-        distinguishes them.
-
-    Attributes
-    ----------
-    candidates : list of Track
-    threshold : float
-        Strength from which a return starts a candidate.
+    ``updater``: continues candidates as it does tracks; ``deleter``: says which contradict themselves;
+    ``lowest_start_m``: below it no candidate starts: leakage is as static as hovering ground, and without a
+    calibration nothing distinguishes them. ``threshold``: strength from which a return starts a candidate.
     """
 
     def __init__(

@@ -30,22 +30,13 @@ def upper_median(values: np.ndarray) -> np.ndarray:
 class Integrator:
     """Tables for the sum over blocks of ``frames`` frames of one altimeter's spectra.
 
-    Parameters
-    ----------
-    altimeter : Altimeter
-        Whose spectra are integrated: its beat band, its cells, its limit of vertical speed.
-    frames : int
-        Frames per block, 8 or more.
-    doppler : bool
-        Whether a range rate sets the beats of both halves apart.
-    max_speed_m_per_s : float
-        Largest range rate under test.
+    Up cell ``i`` and down cell ``j`` are one hypothesis: altitude by their mean, speed by their difference. Frames
+    are moved by the speed under test before they are summed. The steps in speed are so small that a block is blurred
+    by less than a fifth of a resolution cell.
 
-    Notes
-    -----
-    Up cell ``i`` and down cell ``j`` are one hypothesis: altitude by their mean, speed by their difference. Frames are
-    moved by the speed under test before they are summed. The steps in speed are so small that a block is blurred by
-    less than a fifth of a resolution cell.
+    ``altimeter``: whose spectra are integrated: its beat band, its cells, its limit of vertical speed; ``frames``:
+    frames per block, 8 or more; ``doppler``: whether a range rate sets the beats of both halves apart;
+    ``max_speed_m_per_s``: largest range rate under test.
     """
 
     def __init__(self, altimeter: Altimeter, frames: int, *, doppler: bool, max_speed_m_per_s: float) -> None:
@@ -112,8 +103,8 @@ class Integrator:
     def _point_response(self, altimeter: Altimeter) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """How a point return shows in the cells around its peak, measured at the middle of the span.
 
-        Two curves: its offset from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone; and
-        its power against the distance in cells, relative to the peak.
+        Two curves: its offset from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone;
+        and its power against the distance in cells, relative to the peak.
         """
         s = altimeter.settings
         middle = int(np.argmin(np.abs(self.altitude_m[0] - 0.5 * (s.min_altitude_m + s.max_altitude_m))))

@@ -18,43 +18,23 @@ _POINT_MOMENT = 0.001
 
 @dataclass
 class Scan:
-    """One block of frames.
+    """One block of frames."""
 
-    Attributes
-    ----------
-    block : Block
-        Sums of its usable frames.
-    middle : float
-        Frame index of their middle.
-    lead_s : float
-        Seconds from there to the end of the block's last frame, for which the altitude is given.
-    residual_m : float
-        Altitude that the frames' residual timing offset adds.
-    ground_m : float or None
-        Altitude of the nearest point of spread ground, the strongest return; None of a point.
-    edge_m : float
-        Standard deviation of the nearest point of spread ground; 0 of a point.
-    edge_m_per_s : float
-        The same of its speed: each half sweep has its own speckle.
-    beyond : float
-        Median power of the strongest line beyond the span over that within it, in the frames before mitigation.
-    moments : (m, 2, 3) complex
-        `BeatSpectra.moments` of the frames before mitigation.
-    sum_received : callable or None
-        Makes the block of the same frames before mitigation; called at most once, and only if it is needed. None where
-        there are no such frames.
-    """
-
-    block: Block
-    middle: float
-    lead_s: float
-    residual_m: float = 0.0
+    block: Block  # sums of its usable frames
+    middle: float  # frame index of their middle
+    lead_s: float  # seconds from there to the end of the block's last frame, for which the altitude is given
+    residual_m: float = 0.0  # altitude that the frames' residual timing offset adds
     ground_m: float | None = None
-    edge_m: float = 0.0
-    edge_m_per_s: float = 0.0
+    """Altitude of the nearest point of spread ground, the strongest return; None of a point."""
+    edge_m: float = 0.0  # standard deviation of the nearest point of spread ground; 0 of a point
+    edge_m_per_s: float = 0.0  # the same of its speed: each half sweep has its own speckle
     beyond: float = 0.0
+    """Median power of the strongest line beyond the span over that within it, in the frames before mitigation."""
     moments: np.ndarray | None = None
+    """(m, 2, 3) complex: `BeatSpectra.moments` of the frames before mitigation."""
     sum_received: Callable[[], Block] | None = None
+    """Makes the block of the same frames before mitigation; called at most once, and only if it is needed. None where
+    there are no such frames."""
 
     @cached_property
     def received(self) -> Block:

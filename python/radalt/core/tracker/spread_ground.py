@@ -69,19 +69,13 @@ class Ground:
 
 
 class SpreadGround:
-    """Finds spread ground in the blocks of one `Integrator`.
-
-    Parameters
-    ----------
-    tables : Integrator
-    window : str
-        Of the sweep (`AltimeterSettings`).
-    """
+    """Finds spread ground in the blocks of one `Integrator`. ``window``: of the sweep (`AltimeterSettings`)."""
 
     def __init__(self, tables: Integrator, window: str) -> None:
         self.tables = tables
         self._cell_m = tables.waveform.range_resolution_m
         self._x, self._kinds, self._shapes, self._costs, self._inverse = _shapes(window)
+        self._kept: tuple[np.ndarray, ...] = (np.zeros(0, dtype=int),) * 3
 
     def find(self, ratio: np.ndarray) -> Ground | None:
         """Ground in a block's normalised spectra (m, 2, J); None where the strongest return is a point or not clear."""
@@ -148,10 +142,10 @@ class SpreadGround:
         here = np.interp(rise + _WINDOW * t.resolution_cells, np.arange(power.size), np.maximum(power, 0.0))
         top = here.max()
         here = here / top + _SOFT
-        log = -(self._costs + self._inverse @ here.astype(np.float32))  # kinds, levels, edges
-        log *= 0.25 * looks  # four powers per resolution cell
         altitude_m = float(t.waveform.beats_to_altitude_m(t.beat_hz[peak], -t.beat_hz[peak]))
-        log[~self._possible(altitude_m)] = -np.inf
+        kinds, costs, inverse = self._possible(altitude_m)
+        log = -(costs + (inverse @ here.astype(np.float32)).reshape(costs.shape))  # kinds, levels, edges
+        log *= 0.25 * looks  # four powers per resolution cell
         best = float(log.max())
         if (
             0.25 * looks * float(-(np.log(here) + 1.0).sum()) - best > _POOR
@@ -164,16 +158,20 @@ class SpreadGround:
         at = int(np.abs(_EDGES - edge).argmin())
         kind, level = divmod(int(log[..., at].argmax()), len(_LEVELS))
         deviation = float(np.sqrt(share @ (_EDGES - edge) ** 2))
-        return rise + edge * t.resolution_cells, deviation, kind, _LEVELS[level] * top
+        return rise + edge * t.resolution_cells, deviation, int(kinds[kind]), _LEVELS[level] * top
 
-    def _possible(self, altitude_m: float) -> np.ndarray:
-        """(kinds,) bool: shapes that an altitude may have."""
+    def _possible(self, altitude_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(k,) shapes that an altitude may have, their constants, and factors (a row per shape, level and edge)."""
         extent, top, blur = self._kinds.T
         cells = max(altitude_m, 1.0) / self._cell_m
         doppler_cells = _FASTEST_M_PER_S * float(self.tables.waveform.vertical_speed_to_doppler_hz(1.0))
         doppler_cells *= self.tables.waveform.half_sweep_s
         blurred = blur <= doppler_cells * np.sqrt(2.0 / cells)
-        return (extent <= max(cells * _MOST_EXTENT, _EXTENTS[0])) & (top <= cells * _MOST_TOP) & blurred
+        wide = (extent <= max(cells * _MOST_EXTENT, _EXTENTS[0])) & (top <= cells * _MOST_TOP)
+        kinds = np.flatnonzero(wide & blurred)
+        if not np.array_equal(kinds, self._kept[0]):  # the same from block to block
+            self._kept = kinds, self._costs[kinds], self._inverse[kinds].reshape(-1, _WINDOW.size)
+        return self._kept
 
     def _weights(self, power: np.ndarray, edge: float, kind: int, level: float) -> np.ndarray:
         """(J,) a point's response over the ground's, from before the edge to the ground's end; 1 elsewhere."""

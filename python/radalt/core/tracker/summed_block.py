@@ -50,37 +50,22 @@ _MAD = 1.4826  # standard deviation of a normal distribution over its median abs
 class Measurement:
     """A return in one block.
 
-    Attributes
-    ----------
-    altitude_m, speed_m_per_s : float
-        At the middle of the block's usable frames.
-    altitude_variance_m2, speed_variance_m2_per_s2 : float
-        By the noise in the spectrum.
-    strength : float
-        Sum of both halves over its mean in noise, in standard deviations.
-    cells : (2,) float
-        Position of the peak in the up and the down half, in cells.
-    power : float
-        Power over noise, mean of both halves, linear.
-    row : int
-        Row of the joint table, for the speed by which frames were moved.
-    altitude_speed_covariance : float
-        In m m/s; the halves' errors differ, and each goes into both.
-    fluctuation_m2 : float
-        Variance of the altitude beyond that of noise, by how the peak moves from frame to frame: the facets of extended
-        ground interfere anew in each.
+    - ``altitude_m``, ``speed_m_per_s``: at the middle of the block's usable frames
+    - ``altitude_variance_m2``, ``speed_variance_m2_per_s2``: by the noise in the spectrum
     """
 
     altitude_m: float
     speed_m_per_s: float
     altitude_variance_m2: float
     speed_variance_m2_per_s2: float
-    strength: float
-    cells: np.ndarray
-    power: float
-    row: int
-    altitude_speed_covariance: float = 0.0
+    strength: float  # sum of both halves over its mean in noise, in standard deviations
+    cells: np.ndarray  # (2,) float: position of the peak in the up and the down half, in cells
+    power: float  # power over noise, mean of both halves, linear
+    row: int  # row of the joint table, for the speed by which frames were moved
+    altitude_speed_covariance: float = 0.0  # in m m/s; the halves' errors differ, and each goes into both
     fluctuation_m2: float = 0.0
+    """Variance of the altitude beyond that of noise, by how the peak moves from frame to frame: the facets of
+    extended ground interfere anew in each."""
 
 
 @dataclass(frozen=True)
@@ -115,13 +100,8 @@ def _changing(rows: np.ndarray) -> np.ndarray:
 class Block:
     """One block's sums; what follows from them is computed on request.
 
-    Parameters
-    ----------
-    tables : Integrator
-    ratio : (m, 2, J) float32
-        Normalised spectra of its usable frames (`Integrator.normalise`).
-    at : (m,) float
-        Their places in the block, in frames.
+    ``ratio`` (m, 2, J) float32: normalised spectra of its usable frames (`Integrator.normalise`); ``at`` (m,) float:
+    their places in the block, in frames.
     """
 
     def __init__(self, tables: Integrator, ratio: np.ndarray, at: np.ndarray) -> None:
@@ -321,8 +301,8 @@ class Block:
     def is_side_lobe(self, found: Measurement, *, mixed: bool = False) -> bool:
         """Whether a stronger return explains this one: side lobes of an unweighted sweep, with 6 dB to spare.
 
-        With ``mixed`` also a pair of one half sweep of the stronger return with another cell of the other half, if the
-        stronger has more power too: a grating lobe may win by strength alone.
+        With ``mixed`` also a pair of one half sweep of the stronger return with another cell of the other half, if
+        the stronger has more power too: a grating lobe may win by strength alone.
         """
         other = self.strongest(self.away_from(found))
         if other is None or other.strength <= found.strength:
@@ -376,8 +356,8 @@ class Block:
         A method weights the sweep by real factors, so its lobes lie on both sides alike; a return stands on one side
         only. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
         altitude, ``below`` it) and twice its mirror image by five standard deviations. Nearer by, from 0.9 cells on,
-        it also has to be a peak of its own, or more than ground beyond the nearest gives: a share ``asymmetry`` of the
-        return's power above it, nothing below it.
+        it also has to be a peak of its own, or more than ground beyond the nearest gives: a share ``asymmetry`` of
+        the return's power above it, nothing below it.
         """
         t = self.tables
         power, floor, _ = self._sums(int(t.rows[found.row, 0]))
@@ -405,11 +385,11 @@ class Block:
     def stands_beside(self, found: Measurement, apart: float, window: float) -> bool:
         """Whether something stands ``apart`` cells from a return, ``window`` to either side, beyond its own lobes.
 
-        A point has the same power on both sides, and so have its lobes behind a method, which weights the sweep by real
-        factors. Another return shows by power on one side. Nearer by, it shows by how that power fluctuates from frame
-        to frame: the phases of two returns rotate against each other. What changes in proportion to time is left out,
-        since a point that moves does so. Interference that fluctuates as much counts as a return: nothing is known
-        then.
+        A point has the same power on both sides, and so have its lobes behind a method, which weights the sweep by
+        real factors. Another return shows by power on one side. Nearer by, it shows by how that power fluctuates from
+        frame to frame: the phases of two returns rotate against each other. What changes in proportion to time is
+        left out, since a point that moves does so. Interference that fluctuates as much counts as a return: nothing
+        is known then.
         """
         t = self.tables
         k = int(t.rows[found.row, 0])
@@ -442,9 +422,9 @@ class Block:
         """How far a return's peak deviates from a point's: share of its energy within a resolution cell, 0..1.
 
         What the frames' own noise may add is taken off, twice its mean. A second return within the main lobe deviates
-        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance. Where
-        frames deviate more from each other than their mean does from a point, phases turn within the block and powers
-        add, as over extended ground: a deviation counts as the smaller one that pulls as far then.
+        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance.
+        Where frames deviate more from each other than their mean does from a point, phases turn within the block and
+        powers add, as over extended ground: a deviation counts as the smaller one that pulls as far then.
         """
         t = self.tables
         frames = self._aligned(int(t.rows[found.row, 0]))

@@ -23,23 +23,14 @@ _EDGE = 0.25
 class SummedDetector:
     """Altitude by the sum of a block's power spectra over sweeps and both halves.
 
-    Noise alone exceeds the threshold over the band's median with probability ``pfa`` per output. Beats of a triangle's
-    halves are added for every Doppler that the allowed speeds permit, and the greatest sum decides.
+    Noise alone exceeds the threshold over the band's median with probability ``pfa`` per output. Beats of a
+    triangle's halves are added for every Doppler that the allowed speeds permit, and the greatest sum decides.
 
-    Parameters
-    ----------
-    waveform : Waveform
-        Deramped (`core.deramp.IfWaveform`): frames are the IF's.
-    sweeps : int
-        Frames per output.
-    max_altitude_m : float
-    max_vertical_speed_m_per_s : float
-    pfa : float
-    strategy : str
-        ``"strongest"``, or ``"leading_edge"``: the -6 dB point of the rise of the nearest return that stands out, in
-        the sum of the block and smoothed over a resolution cell; corrected so that a point is unbiased.
-    least_power : float
-        Power of the strongest line, in the unit of the frames, below which there is no computed data.
+    - ``waveform``: Deramped (`core.deramp.IfWaveform`): frames are the IF's
+    - ``sweeps``: frames per output
+    - ``strategy``: ``"strongest"``, or ``"leading_edge"``: the -6 dB point of the rise of the nearest return that
+      stands out, in the sum of the block and smoothed over a resolution cell; corrected so that a point is unbiased
+    - ``least_power``: power of the strongest line, in the unit of the frames, below which there is no computed data
     """
 
     def __init__(
@@ -150,16 +141,9 @@ class CounterDetector:
     The phase advance of the limited IF over the sweep, which is what zero crossings count, without the counter's own
     step of half a cycle per sweep. Whatever is strongest at an instant captures it.
 
-    Parameters
-    ----------
-    waveform : Waveform
-        Deramped.
-    sweeps : int
-        Frames per output.
-    max_altitude_m : float
-        The first samples of each half, in which its return is still on the ramp before, are not counted.
-    least_power : float
-        Mean power of the IF below which there is no computed data.
+    ``waveform``: Deramped; ``sweeps``: frames per output; ``max_altitude_m``: the first samples of each half, in
+    which its return is still on the ramp before, are not counted; ``least_power``: mean power of the IF below which
+    there is no computed data.
     """
 
     def __init__(

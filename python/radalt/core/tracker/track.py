@@ -106,16 +106,11 @@ class Evidence:
     ) -> tuple[float, float]:
         """The farthest altitude, and the farthest speed, that are not ruled out: both in cells from the track's.
 
-        Parameters
-        ----------
-        sigmas : float
-            Standard deviations by which a rival has to fall short.
-        apart : (int, int)
-            Cells by which a rival's up half may lie above its down half, more than the track's: least and most.
-        lobe : float
-            Distance in cells, of both halves, that belongs to the same return.
-        span : (float, float)
-            Lowest and highest altitude there is, in cells from the track's.
+        - ``sigmas``: standard deviations by which a rival has to fall short
+        - ``apart`` (int, int): cells by which a rival's up half may lie above its down half, more than the track's:
+          least and most
+        - ``lobe``: distance in cells, of both halves, that belongs to the same return
+        - ``span`` (float, float): lowest and highest altitude there is, in cells from the track's
         """
         reach = self.mean.shape[1] // 2
         steps = np.arange(-reach, reach + 1)
@@ -215,8 +210,8 @@ class Track:
     def speed_by_altitudes(self, sweep_s: float, least_m2: float) -> tuple[float, float]:
         """Slope of the latest altitudes, without Doppler, and its standard deviation; infinite for less than three.
 
-        Each altitude has a variance of ``least_m2`` at least, which its measurement claims: few residuals may be small
-        by chance.
+        Each altitude has a variance of ``least_m2`` at least, which its measurement claims: few residuals may be
+        small by chance.
         """
         if len(self.history) < 3:
             return 0.0, np.inf

@@ -48,14 +48,6 @@ def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
 class Integrity:
     """Rivals of a track, and its protection level.
 
-    Parameters
-    ----------
-    gate : Gate
-        Of the blocks in which tracks are measured.
-    settings : TrackerSettings
-
-    Notes
-    -----
     **Contradictions.** No altitude is given where a measurement moves the predicted one by more than the protection
     level, where the last quarter of the block stands farther off than that and four standard deviations allow, nor
     where altitudes show a vertical speed and Doppler its mirror: I and Q are exchanged then. After two blocks without a
@@ -70,8 +62,8 @@ class Integrity:
       greater (interference that lasts pulls every measurement alike), widened by the filter's innovations where they
       exceed what it expects (track consistency);
     - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
-      deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
-      the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
+      deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes
+      of the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
 
     The *extent* covers how far ground off nadir pulls the peak up. A return of some depth is asymmetric: more power
     stands beyond its peak than before it. The extent grows with the root of that asymmetry, up to 4.5 % of the
@@ -79,15 +71,18 @@ class Integrity:
     shipped approach, up to 4 % over ground that scatters alike in all directions.
 
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
-    60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point pays
-    0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate from
-    each other (`Block.shape_deviation`). Of two returns whose phases stay as they are, amplitude and phase along the
-    sweep give the second moment of their delays (`BeatSpectra.moments`), and 1.42 times its root bounds the error.
+    60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point
+    pays 0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate
+    from each other (`Block.shape_deviation`). Of two returns whose phases stay as they are, amplitude and phase along
+    the sweep give the second moment of their delays (`BeatSpectra.moments`), and 1.42 times its root bounds the
+    error.
 
     It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
-    ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep
-    that drifts as slowly as an aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of
-    a block shows in the next.
+    ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep that drifts
+    as slowly as an aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of a block
+    shows in the next.
+
+    ``gate``: of the blocks in which tracks are measured.
     """
 
     def __init__(self, gate: Gate, settings: TrackerSettings) -> None:

@@ -132,8 +132,8 @@ class AltitudeTracker:
     def false_alarms_per_output(self) -> float:
         """Upper bound of the share of outputs that are NORMAL in white noise alone.
 
-        One block has to start a candidate, and each of the next ones to confirm it within its gate. While such a track
-        coasts, as many blocks in a row within the gate make it NORMAL again.
+        One block has to start a candidate, and each of the next ones to confirm it within its gate. While such a
+        track coasts, as many blocks in a row within the gate make it NORMAL again.
         """
         s = self.settings
         confirmed = s.search_pfa * s.gate_pfa ** (s.confirm_outputs - 1)
@@ -153,8 +153,8 @@ class AltitudeTracker:
         """Outputs of the blocks that these frames complete.
 
         A block is the frames ``k M .. (k + 1) M - 1`` by index; missing ones leave it with fewer. Outputs for blocks
-        that are missing altogether say FAILURE. An index that runs backwards, or ahead by more than ten seconds, starts
-        the tracker anew.
+        that are missing altogether say FAILURE. An index that runs backwards, or ahead by more than ten seconds,
+        starts the tracker anew.
 
         Parameters
         ----------
@@ -277,6 +277,8 @@ class AltitudeTracker:
     def _scan(self, at: np.ndarray, last: int) -> Scan:
         """The frames at these places of the block that ends with frame ``last``."""
         ground = self.spread.find(self._received[at])
+        if ground is None and self._beside:  # interference hides it there
+            ground = self.spread.find(self._ratio[at])
         weights, edge_m = (np.float32(1.0), 0.0) if ground is None else (ground.weights, ground.deviation_m)
         block = Block(self.integrator, self._ratio[at] * weights, at.astype(float))
         beyond = self._beyond[at][np.isfinite(self._beyond[at])]

@@ -22,19 +22,15 @@ _EDGE_FADES = 0.9
 class Updater:
     """Measures tracks in blocks, and updates filter, evidence and counters.
 
-    A track is certain once its evidence has ruled out every other pair of cells, of any speed. One
-    that has never been certain moves to the next pair (within 40 m) that its blocks together show with more power,
-    unless its altitudes contradict that pair's Doppler: then that pair is the lobe.
+    A track is certain once its evidence has ruled out every other pair of cells, of any speed. One that has never
+    been certain moves to the next pair (within 40 m) that its blocks together show with more power, unless its
+    altitudes contradict that pair's Doppler: then that pair is the lobe.
 
     The filter takes Doppler in once no grating lobe can pass for it. A Doppler that the altitudes contradict in two
-    blocks in a row is a grating lobe's: such a track keeps no candidate out. In one block alone it takes nothing from a
-    certain track, nor does one more than four standard deviations off; it is then not used.
+    blocks in a row is a grating lobe's: such a track keeps no candidate out. In one block alone it takes nothing from
+    a certain track, nor does one more than four standard deviations off; it is then not used.
 
-    Parameters
-    ----------
-    gate : Gate
-    integrity : Integrity
-        Which speeds and altitudes a track's evidence leaves open.
+    ``integrity``: which speeds and altitudes a track's evidence leaves open.
     """
 
     def __init__(self, gate: Gate, integrity: Integrity) -> None:
@@ -120,8 +116,8 @@ class Updater:
     def resolve(self, track: Track, scan: Scan, found: Measurement) -> Measurement:
         """The track's measurement, or that of the pair next to it that all its blocks together show with more power.
 
-        One block takes a grating lobe for the return more easily than ten do. A track whose ambiguity is resolved does
-        not move any more: what has more power then is another return.
+        One block takes a grating lobe for the return more easily than ten do. A track whose ambiguity is resolved
+        does not move any more: what has more power then is another return.
         """
         t, block, steps = self.tables, scan.block, self.integrity.better_pair(track)
         if steps is None:

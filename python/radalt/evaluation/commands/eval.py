@@ -142,32 +142,10 @@ def _require_radios(scene: Any, needed: int) -> None:
         )
 
 
-def _print_pd(out: Path) -> None:
-    """Print Pd and wrong altitudes by overlap and method, one block per panel."""
-    from ..overlap.panels import panels, series_of
-    from ..results.folder import read_report
-    from ..results.integrity import Integrity
-    from ..results.score import pool
-
-    report = read_report(out)
-    for title, mine in panels(report["rows"]):
-        methods = {method: max(6, len(method)) for method in series_of(mine)}
-        print(f"\nPd, {title}")
-        print("  overlap  " + "  ".join(f"{method:>{width}}" for method, width in methods.items()))
-        for overlap in sorted({r["overlap"] for r in mine}):
-            at = {r["method"]: r["pd"] for r in mine if r["overlap"] == overlap}
-            cells = {method: "-" if at[method] is None else f"{at[method]:.3f}" for method in methods}
-            print(f"  {overlap:7g}  " + "  ".join(f"{cells[m]:>{width}}" for m, width in methods.items()))
-    totals = {method: pool(rows) for method, rows in series_of(report["rows"]).items()}
-    wrong = ", ".join(f"{method} {total.wrong} of {total.trials}" for method, total in totals.items())
-    print(f"\nwrong and called valid, of all trials: {wrong}")
-    flown = []
-    for method, rows in series_of(report["tracked"]).items():
-        total = sum(map(Integrity.of_row, rows), Integrity())
-        hazardous = f"{total.hazardous} of {total.outputs} hazardous"
-        flown.append(f"{method} {total.availability:.3f} available, {hazardous}")
-    if flown:
-        print(f"tracked outputs: {', '.join(flown)}")
+def _print_verdict(out: Path) -> None:
+    """Print the report's first paragraph."""
+    verdict = (out / "report.md").read_text(encoding="utf-8").split("\n\n")[1]
+    print(f"\n{verdict.replace('**', '').replace('`', '')}")
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -237,7 +215,9 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name must not leave results/
         options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
     print(f"{named(PROGRAM)}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
-    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_pd)
+    return run(
+        study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_verdict
+    )
 
 
 @command(PROGRAM)

@@ -20,7 +20,7 @@ from typing import NoReturn
 
 from ...core.parsing.messages import MINUS, did_you_mean
 from ...core.paths import no_gnu_radio
-from ...core.text import one_line, said
+from ...core.text import MOST, one_line, said, showable
 
 MAX_JOBS = 256  # most local workers: more than any machine's cores
 MAX_SEED = 2**63 - 1  # largest seed: int64
@@ -65,6 +65,15 @@ def path(text: str) -> Path:
     if not text.strip() or "\0" in text or len(os.fsencode(text)) > 4000:
         raise argparse.ArgumentTypeError("it is empty, too long or holds a NUL; name a file or folder")
     return Path(text)
+
+
+def words(text: str) -> str:
+    """Argument ``type=`` for a text in a page."""
+    if not showable(text):
+        raise argparse.ArgumentTypeError(
+            f"it has to be printable, at most {MOST} characters, without < > | and links"
+        )
+    return text
 
 
 def check_ours(file: Path, mark: str) -> None:
@@ -163,6 +172,7 @@ class Options:
     scheduler: str = ""  # address or scheduler file of a Dask cluster; empty for local processes
     time_limit_s: float = 120.0  # longest time for one point
     command: str = ""  # command line for the report
+    by: str = ""  # who measures and where, for the report
     publish: Path | None = None  # folder for the study's page, figures and data under their stable names
 
 
@@ -204,7 +214,7 @@ class Parser(argparse.ArgumentParser):
 def add_options(
     parser: argparse.ArgumentParser, *, out: str | None = None, time_limit_s: float = 120.0
 ) -> None:
-    """``--out --resume --publish --jobs --scheduler --time-limit-s --dry-run``, equal for every study.
+    """``--out --resume --by --publish --jobs --scheduler --time-limit-s --dry-run``, equal for every study.
 
     ``--seed`` is an option of the study, since rows depend on it.
     """
@@ -212,6 +222,13 @@ def add_options(
     default = f" (default: {out})" if out else ""
     add("--out", type=path, default=out and Path(out), help=f"result folder{default}")
     add("--resume", action="store_true", help="complete the run in --out")
+    add(
+        "--by",
+        type=words,
+        default="",
+        metavar="TEXT",
+        help="who measures and where, for the report and for collect",
+    )
     add(
         "--publish",
         type=path,
@@ -262,7 +279,7 @@ def names_of(parser: Parser, option: str, text: str, known: Collection[str]) -> 
 
 
 # options on which no row depends
-_NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
+_NO_ROW = frozenset(("out", "resume", "by", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
 
 
 def command_of(args: argparse.Namespace, parser: Parser) -> str:

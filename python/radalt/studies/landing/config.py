@@ -32,17 +32,12 @@ class StudyError(InputError):
 
 @dataclass(frozen=True)
 class ApproachSpec:
-    """Figure 1: the whole approach at one interference level.
+    """Figure 1: the whole approach at one interference level."""
 
-    ``frames``: frames measured, evenly spread over the flight; 0 leaves the part out; ``sir_db``: SIR, also that of
-    the sensitivity table; ``overlap``: active fraction of the frame; ``chunk``: frames per point; methods are reset
-    at the start of each.
-    """
-
-    frames: int = 400
-    sir_db: float = -15.0
-    overlap: float = 1.0
-    chunk: int = 50
+    frames: int = 400  # frames measured, evenly spread over the flight; 0 leaves the part out
+    sir_db: float = -15.0  # SIR, also that of the sensitivity table
+    overlap: float = 1.0  # active fraction of the frame
+    chunk: int = 50  # frames per point; methods are reset at the start of each
 
     def __post_init__(self) -> None:
         if self.frames < 0 or self.chunk < 1:

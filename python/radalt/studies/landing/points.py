@@ -69,11 +69,10 @@ def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
 class Truth:
     """Frames of unit expected power without noise or interference, and their truth.
 
-    ``frames`` (n, looks, N) complex64: Consecutive frames for each of ``n`` altitudes; ``height_m``, ``nearest_m``,
-    ``climb_m_per_s``, ``snr_db``, ``time_s`` (n,): truth at the middle of the looks.
+    ``height_m``, ``nearest_m``, ``climb_m_per_s``, ``snr_db``, ``time_s`` (n,): truth at the middle of the looks.
     """
 
-    frames: np.ndarray
+    frames: np.ndarray  # (n, looks, N) complex64: Consecutive frames for each of ``n`` altitudes
     height_m: np.ndarray
     nearest_m: np.ndarray
     climb_m_per_s: np.ndarray

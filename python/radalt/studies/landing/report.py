@@ -99,6 +99,7 @@ def write_report(folder: RunFolder, study: LandingStudy, rows: Mapping[str, Sequ
 def _page_values(config: LandingConfig, report: Row) -> Row:
     tables = {
         "approach_table": _approach_lines(report["approach"]),
+        "whole_table": _approach_lines([e for e in report["approach"] if e["band"] == BANDS[0][0]]),
         "sensitivity_table": _sensitivity_lines(report["sensitivity"]),
     }
     over = [r["text"] for r in report["sensitivity"] if r["over_400_m"] and r["method"] == "none"]

@@ -31,17 +31,9 @@ class Measurement:
     """One run of the live path.
 
     - ``signal_s``, ``wall_s``: seconds of signal that were processed, and how long that took
-    - ``cpu_s``: CPU seconds of each block's thread, and of the network's process where it has one of its own
-    - ``process_cpu_s``: CPU seconds of everything
-    - ``calls``: how often GNU Radio called each block's ``work``
-    - ``frames``: altitude results
-    - ``latency_ms`` (dict of method -> (frames,) float array): from the arrival of a frame's last sample at the
-      segmenter to its altitude; empty unless held to real time, since it would measure the depth of the buffers
     - ``dropped_frames``, ``lost_samples``: frames dropped for a slow method, samples lost
-    - ``skipped_frames``: frames that skipped the network
     - ``memory_bytes``, ``memory_growth_bytes``: resident memory at the end, that of the network's process included,
       and its growth after the first tenth of the run
-    - ``outside``: how long other programs held up the cores
     - ``source_held_up_s``, ``source_longest_hold_up_s``: for how long, in all and at most, the simulated radio's
       samples had to wait; 0 unless held to real time. A radio's samples would wait in its ring, 0.5 s long in the
       flowgraphs.
@@ -50,16 +42,19 @@ class Measurement:
     signal_s: float
     wall_s: float
     cpu_s: dict[str, float]
-    process_cpu_s: float
-    calls: dict[str, int]
-    frames: dict[str, int]
+    """CPU seconds of each block's thread, and of the network's process where it has one of its own."""
+    process_cpu_s: float  # CPU seconds of everything
+    calls: dict[str, int]  # how often GNU Radio called each block's ``work``
+    frames: dict[str, int]  # altitude results
     latency_ms: dict[str, np.ndarray]
+    """(dict of method -> (frames,) float array): from the arrival of a frame's last sample at the segmenter to its
+    altitude; empty unless held to real time, since it would measure the depth of the buffers."""
     dropped_frames: int
     lost_samples: int
-    skipped_frames: int
+    skipped_frames: int  # frames that skipped the network
     memory_bytes: int
     memory_growth_bytes: int
-    outside: Outside
+    outside: Outside  # how long other programs held up the cores
     source_held_up_s: float
     source_longest_hold_up_s: float
 

@@ -26,25 +26,19 @@ _WIDE_M = 20.0  # largest error, m, where a return is distorted but not another 
 
 @dataclass(frozen=True)
 class Case:
-    """Frames and their truth.
-
-    - ``frames`` (n, N) complex64
-    - ``truth_m`` (n,) or (n, k) float array: altitudes that count as right, k alternatives per frame; NaN if none is
-      right
-    - ``bound_m``: largest error of a declared altitude
-    - ``detects``: whether the chain without mitigation has to declare every frame
-    - ``noise_limited``: whether noise or interference can pass for a return, so that false alarms at the CFAR's
-      design rate are allowed
-    """
+    """Frames and their truth."""
 
     name: str
-    frames: np.ndarray
+    frames: np.ndarray  # (n, N) complex64
     truth_m: np.ndarray
-    bound_m: float = 5.0
+    """(n,) or (n, k) float array: altitudes that count as right, k alternatives per frame; NaN if none is right."""
+    bound_m: float = 5.0  # largest error of a declared altitude
     waveform: Waveform = Waveform()
     settings: AltimeterSettings = _SCENE
-    detects: bool = False
+    detects: bool = False  # whether the chain without mitigation has to declare every frame
     noise_limited: bool = True
+    """Whether noise or interference can pass for a return, so that false alarms at the CFAR's design rate are
+    allowed."""
 
 
 def _rng(name: str) -> np.random.Generator:

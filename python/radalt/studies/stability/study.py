@@ -56,15 +56,12 @@ class StabilityPoint(Point):
 
 @dataclass(frozen=True)
 class StabilityStudy(ChainStudy):
-    """Cases and checks for a number of chains.
-
-    ``groups``: names in `cases.GROUPS`; ``checked``: methods whose determinism and flowgraph are checked, besides
-    long runs; empty leaves all checks out.
-    """
+    """Cases and checks for a number of chains."""
 
     chains: tuple[Chain, ...]
-    groups: tuple[str, ...] = tuple(GROUPS)
+    groups: tuple[str, ...] = tuple(GROUPS)  # names in `cases.GROUPS`
     checked: tuple[str, ...] = ()
+    """Methods whose determinism and flowgraph are checked, besides long runs; empty leaves all checks out."""
 
     tables: ClassVar[Mapping[str, Columns]] = _TABLES
     published: ClassVar[Mapping[str, str]] = {

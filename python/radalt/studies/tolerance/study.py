@@ -207,23 +207,18 @@ COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class ToleranceStudy(Study):
-    """A grid of altimeters, interferers, methods, altitudes and seeds.
+    """A grid of altimeters, interferers, methods, altitudes and seeds."""
 
-    - ``profiles``: paths, or names of shipped profiles
-    - ``outputs``: outputs that every criterion counts: the duration of a trial
-    - ``seeds``: Realisations 1, 2, ...
-    - ``ground``: ``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``
-    - ``decompose``: measure interferers outside the band also with each of `MECHANISMS` alone, and without it
-    """
-
-    profiles: tuple[str, ...]
+    profiles: tuple[str, ...]  # paths, or names of shipped profiles
     interferers: tuple[str, ...]
     methods: tuple[str, ...]
     altitudes_ft: tuple[float, ...]
-    outputs: int = 150
-    seeds: int = 3
+    outputs: int = 150  # outputs that every criterion counts: the duration of a trial
+    seeds: int = 3  # realisations 1, 2, ...
     ground: str = "point"
+    """``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``."""
     decompose: bool = False
+    """Measure interferers outside the band also with each of `MECHANISMS` alone, and without it."""
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {

@@ -16,22 +16,14 @@ _UPSAMPLING = 4  # points per sample, between which samples are interpolated lin
 
 @dataclass(frozen=True)
 class Symbols:
-    """Decided symbols of a frame.
+    """Decided symbols of a frame."""
 
-    - ``times`` (K,) float: in samples of the frame
-    - ``values`` (K,) complex64: unit points with the carrier's phase, 0 where nothing was sent
-    - ``decisions`` (K,) complex64: the points without the carrier: one of four
-    - ``evm_squared``: mean squared distance from the points, of their power, where something was sent
-    - ``active_share``: share of the frame's symbols in which something was sent
-    - ``weights`` (taps,) complex64: of the equaliser
-    """
-
-    times: np.ndarray
-    values: np.ndarray
-    decisions: np.ndarray
-    evm_squared: float
-    active_share: float
-    weights: np.ndarray
+    times: np.ndarray  # (K,) float: in samples of the frame
+    values: np.ndarray  # (K,) complex64: unit points with the carrier's phase, 0 where nothing was sent
+    decisions: np.ndarray  # (K,) complex64: the points without the carrier: one of four
+    evm_squared: float  # mean squared distance from the points, of their power, where something was sent
+    active_share: float  # share of the frame's symbols in which something was sent
+    weights: np.ndarray  # (taps,) complex64: of the equaliser
 
 
 def tap_spacing(rate: float, s: QpskSettings) -> int:

@@ -77,7 +77,7 @@ def _half_sweep(
     mid_hz = 0.5 * (tone_hz.min() + tone_hz.max())
     spread_hz = max(tone_hz.max() - tone_hz.min(), 1.0)
     count = NODE_STEP * int(np.ceil(2.0 * spread_hz * waveform.half_sweep_s / NODE_STEP))
-    matrix, first_s, step_s = _interpolator(waveform.samples_per_half, waveform.rate_hz, count)
+    matrix, first_s, step_s = interpolator(waveform.samples_per_half, waveform.rate_hz, count)
     nodes = matrix.shape[1]
     inner = int(np.ceil(np.sqrt(nodes)))
     outer = -(-nodes // inner)
@@ -97,7 +97,7 @@ def _powers(z: np.ndarray, count: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray, float, float]:
+def interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray, float, float]:
     """Kaiser-windowed sinc from uniform nodes to the samples of a half sweep.
 
     Returns the (samples, nodes) matrix, and the first node's time and the node step in seconds, from the middle of

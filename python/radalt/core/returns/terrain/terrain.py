@@ -44,17 +44,15 @@ class FlatTerrain:
 class DtedCell:
     """Posts of one DTED file.
 
-    ``south_deg``, ``west_deg``: Corner of the south-west post; ``step_lat_deg``, ``step_lon_deg``: post spacing;
-    ``elevation_m`` (n_lon, n_lat) float: Elevations above mean sea level; NaN marks a void. ``source``: file name,
-    for messages.
+    ``south_deg``, ``west_deg``: Corner of the south-west post; ``step_lat_deg``, ``step_lon_deg``: post spacing.
     """
 
     south_deg: float
     west_deg: float
     step_lat_deg: float
     step_lon_deg: float
-    elevation_m: np.ndarray
-    source: str = ""
+    elevation_m: np.ndarray  # (n_lon, n_lat) float: Elevations above mean sea level; NaN marks a void
+    source: str = ""  # file name, for messages
 
     @property
     def north_deg(self) -> float:
@@ -88,9 +86,8 @@ class DtedCell:
             raise TerrainError(f"terrain file {path}: {error.strerror or error}; name a DTED file") from error
         except (dted.errors.InvalidFileError, ValueError, IndexError, struct.error) as error:
             reason = " ".join(str(error).split())
-            raise TerrainError(
-                f"terrain file {path} is not intact DTED ({reason}); fetch it again"
-            ) from error
+            other = "fetch it again, or convert it (gdal_translate -of DTED)"
+            raise TerrainError(f"terrain file {path} is not intact DTED ({reason}); {other}") from error
         posts = np.asarray(tile.data, dtype=float)
         posts[posts == VOID_M] = np.nan
         posts = np.where(posts < _DEEPEST_M, -32768.0 - posts, posts)
