@@ -118,7 +118,7 @@ REFUSED = [
     (lambda: create("median", W), "unknown mitigation method 'median'; allowed: none, lms,"),
     (lambda: create("none", W, gain=3), "none.gain is unknown; allowed: nothing"),
     (lambda: create("whitening", W, smooth_hz=3), "is unknown; did you mean 'smoothing_hz'? allowed: smooth"),
-    (lambda: create("whitening", W, smoothing_hz=-1.0), "smoothing_hz is -1.0; within 0..7.5e+06"),
+    (lambda: create("whitening", W, smoothing_hz=-1.0), "smoothing_hz is -1.0; within"),
     (lambda: create("whitening", W, exponent=2.0), "whitening.exponent is 2.0"),
     (lambda: create("whitening", W, batch="x"), "whitening.batch is 'x'; it has to be a whole number"),
     (lambda: create("whitening", W).process(np.zeros((2, 100))), "shape (2, 100); expected (n, 7500)"),
