@@ -239,6 +239,8 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(tmp_path):
         check_rows([row | {"digest": "0"} for row in mine], theirs)
     with pytest.raises(InputError, match="seed or frames differ"):
         check_rows([row | {"seed": 1} for row in mine], theirs)
+    assert ended(command.main, *words, "--stored", "--against", stored, "--out", tmp_path / "d") == (0, "")
+    assert (tmp_path / "d" / "rows.csv").read_bytes() == stored.read_bytes()
     status, said = ended(command.main, *words, *own, "--frames", "9", "--out", tmp_path / "c")
     assert status == 2 and "rows of another list, or of other --frames" in said
     flipped = [row | {"right": bits(~unbits(row["right"], 8))} for row in mine]

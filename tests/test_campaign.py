@@ -21,7 +21,7 @@ from radalt.studies.integrity.flights import fly, rng_of
 from radalt.studies.integrity.frames import _bent, white_noise
 from radalt.studies.integrity.long_flights import flight_of, frames_of
 from radalt.studies.integrity.received import received
-from radalt.studies.integrity.report import _claim, _hours_of, _hours_table, summarise
+from radalt.studies.integrity.report import _claim, _hours_of, _hours_table, _weighted, summarise
 from radalt.studies.integrity.study import (
     TRACKER,
     IntegrityPoint,
@@ -224,10 +224,7 @@ def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
 def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs(tmp_path):
     assert _events_of(np.array([1, 1, 0, 1, 0, 0, 1], dtype=bool)) == 3
     case = case_of("point/snr10")
-    row = _row(*judge_long(case, rng_of(case, 1, 0, 0), 1200, SMALL.settings)) | {
-        "batch": 0,
-        "method": "none",
-    }
+    row = _row(*judge_long(case, rng_of(case, 1, 0, 0), 1200, SMALL.settings)) | {"method": "none"}
     row |= {"case": "land/woods/level", "kind": "land", "misleading_events": 2, "hazardous_events": 1}
     rows = [row, row | {"hazardous_events": 0, "misleading_events": 0}]
     found = _hours_of(rows)
@@ -235,7 +232,10 @@ def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs(tmp_path):
     assert found["hours"] == pytest.approx(60 * 0.04 / 3600)
     assert found["bound"] == pytest.approx(4.744 / found["hours"], rel=1e-3)  # Poisson, 95 %, one event
     lines = _hours_table(rows).splitlines()[2:]
-    assert [line.split(" | ")[0] for line in lines][0] == "| land, level" and len(lines) == 2
+    assert [line.split(" | ")[0] for line in lines][0] == "| land, level" and len(lines) == 4
+    # 0.80 of 0.81 of the time level, one event in each stratum
+    weighted = _weighted({"land, level": rows, "a point": rows})
+    assert weighted["bound"] == pytest.approx(6.296 / found["hours"] * 80 / 81, rel=1e-3)
     draw_land([row | {"after_start": 0.5}], tmp_path / "land.png")
     assert (tmp_path / "land.png").stat().st_size > 5000
 

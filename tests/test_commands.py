@@ -279,10 +279,8 @@ def test_a_command_that_is_nearly_one_is_named(capsys):
 
 @pytest.mark.parametrize(("called", "name"), [("radalt eval", "radalt eval"), ("ota_eval.py", "ota_eval")])
 def test_an_option_that_is_nearly_one_is_named(capsys, monkeypatch, called, name):
-    """By the name that was typed."""
     monkeypatch.setattr(sys, "argv", [called])
     with pytest.raises(SystemExit):
         ota_eval.main(["--sim", "--ovrlap=1"])
-    error = capsys.readouterr().err
-    assert error.startswith(f"{name}: ")
-    assert "--ovrlap=1; did you mean '--overlap'? --help lists the options" in error
+    said = f"{name}: .* --ovrlap=1; did you mean '--overlap'. --help lists the options"
+    assert re.match(said, capsys.readouterr().err)

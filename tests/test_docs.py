@@ -3,6 +3,7 @@
 import csv
 import importlib.util
 import os
+import pkgutil
 import re
 from collections import Counter
 from pathlib import Path
@@ -18,6 +19,7 @@ from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.results.break_point import break_point
 from radalt.evaluation.results.proportion import wilson_interval
+from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -295,6 +297,20 @@ def test_the_first_number_of_a_page_is_that_of_its_table(root, pages, pattern, t
     for page in pages:
         found = re.search(pattern, (root / page).read_text(encoding="utf-8"), re.DOTALL)
         assert found and list(found.groups()) == expected, page
+
+
+def test_every_column_of_a_table_is_in_the_dictionary(root):
+    """Of the files of the pages, the stored rows of the bench, and the tables of every study."""
+    names = re.findall(r"^\| (.*?) \|", (root / "docs/columns.md").read_text(encoding="utf-8"), re.MULTILINE)
+    files = [*(root / "docs/data").glob("*.csv"), *(root / "bench/rows").glob("*.csv")]
+    found = {head for path in files for head in path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")}
+    for room in ("bench", "evaluation.overlap", "studies"):
+        package = importlib.import_module(f"radalt.{room}")
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            for value in vars(importlib.import_module(module.name)).values():
+                tables = value.values() if isinstance(value, dict) else [value]
+                found |= {name for table in tables if isinstance(table, Columns) for name in table.names}
+    assert set(re.findall(r"`([\w.]+)`", " ".join(names))) == {head.strip() for head in found}
 
 
 def anchors(page) -> set[str]:

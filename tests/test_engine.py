@@ -155,11 +155,7 @@ def test_a_dry_run_says_what_it_would_measure_and_writes_nothing(tmp_path, capsy
 
 @pytest.mark.parametrize(
     ("name", "said"),
-    [
-        ("file", "is a file; name"),
-        ("others", "holds files that are no run"),
-        ("/proc/x", "cannot be written"),
-    ],
+    [("file", "is a file"), ("others", "that are no run"), ("/proc/x", "be written"), ("/", "no run")],
 )
 def test_a_dry_run_checks_the_folder(tmp_path, capsys, name, said):
     (tmp_path / "file").touch()

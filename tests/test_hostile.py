@@ -105,7 +105,7 @@ def fifo(path: Path) -> Path:
         (lambda path: path.parent, "it is a folder"),
         (lambda path: path, "No such file"),
         (lambda path: Path("x" * 5000 + ".yaml"), "name too long"),
-        (lambda path: path.write_bytes(b"\xff\xfe") and path, "not a text file"),
+        (lambda path: path.write_bytes(b"\xff\xfe") and path, "not text in UTF-8"),
         (lambda path: path.write_bytes(b"# " + b"x" * (5 << 20)) and path, "at most 1 MiB"),
         (lambda path: path.symlink_to(path) or path, "cannot be read"),
     ],

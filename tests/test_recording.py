@@ -411,7 +411,7 @@ def test_a_foreign_recording_needs_a_scene(tmp_path):
     path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
     with pytest.raises(RecordingError, match="--scene"):
         replay_scene(open_capture(path))
-    with pytest.raises(RecordingError, match="no such recording"):
+    with pytest.raises(RecordingError, match="no SigMF recording"):
         open_capture(tmp_path / "absent.sigmf-meta")
 
 

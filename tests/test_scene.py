@@ -139,6 +139,9 @@ WRONG = [
     ("radio: {radar_rx_gain_db: 90}", "radio.radar_rx_gain_db", "90", "0..76"),
     ("radio: {radar_serial: 1234567}", "radio.radar_serial", "1234567", "expected text: quote it"),
     ("radio: {radar_serial: 0123456}", "line 1", "'0123456' begins with 0", "quote it"),
+    ("interference: {qpsk: {carrier_hz: 2}}", "qpsk.carrier_hz", "is 2; it has to be 0, or at", "mean 2e+06"),
+    ("interference: {nr: {fading: {doppler_hz: 1.0e+9}}}", "fading.doppler_hz", "1e+09", "0..50000"),
+    ("interference: {QPSK: {}}", "'interference.QPSK'", "did you mean 'qpsk'", "allowed: qpsk, "),
     ("radio: {lo_offset_hz: 6}", "radio.lo_offset_hz", "0 or at least 10000 either", "did you mean 6e+06"),
     ("interference: {recording: {file: /a, offset_hz: -0.5}}", "offset_hz", "-0.5", "did you mean -5"),
     ("seed: -1", "seed", "-1", "0 or above"),
@@ -215,7 +218,7 @@ def test_missing_and_binary_files_are_named(tmp_path):
     with pytest.raises(SceneError, match="no_such_scene.yaml: cannot be read"):
         load_scene("no_such_scene")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(SceneError, match="binary.yaml: cannot be read .not a text file"):
+    with pytest.raises(SceneError, match="binary.yaml: cannot be read .not text in UTF-8"):
         load_scene(tmp_path / "binary.yaml")
 
 

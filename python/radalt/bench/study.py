@@ -13,7 +13,7 @@ from ..evaluation.results.rows import Columns
 from .entry import Entry, flowgraph_of, run
 from .frames import frames_of
 from .lists import Case, CaseList, load_list
-from .rows import COLUMNS, row_of
+from .rows import COLUMNS, read_rows, row_of
 from .turns import TURN_COLUMNS, turn_rows
 
 
@@ -34,6 +34,9 @@ class BenchStudy(Study):
     only: tuple[str, ...] = ()
     salt: str = ""
     via: str = "direct"
+    stored: Path | None = (
+        None  # rows that are given instead of measured ones; its folder `turns` has those of the cost
+    )
     tables: ClassVar[dict[str, Columns]] = {"rows": COLUMNS, "turns": TURN_COLUMNS}
     _list: CaseList = field(init=False, repr=False, compare=False)
 
@@ -56,7 +59,8 @@ class BenchStudy(Study):
             about |= dict(entry.altimeter) | ({"detector": entry.detector} if entry.detector else {})
             entries[entry.name] = {"method": entry.method, "sha256": status.get("sha256", "")} | about
         head = {"list": self._list.name, "digest": self._list.digest, "entries": entries}
-        return head if self.via == "direct" else head | {"via": self.via}
+        more = {"via": self.via} if self.via != "direct" else {}
+        return head | more | ({"stored": str(self.stored)} if self.stored else {})
 
     def points(self) -> list[BenchPoint]:
         """See `Study.points`: a point per case and overlap, since an entry stops after levels that failed."""
@@ -75,6 +79,15 @@ class BenchStudy(Study):
         assert isinstance(point, BenchPoint)
         for entry in self.entries:
             entry.register()
+        if self.stored is not None:
+            turned = point.table == "turns"
+            path = self.stored.parent / "turns" / self.stored.name if turned else self.stored
+            case = None if turned else self._list.cases[point.number]
+            return [
+                row
+                for row in (read_rows(path, self.tables[point.table]) if path.is_file() else ())
+                if case is None or (row["case"], row["overlap"]) == (case.name, case.overlap)
+            ]
         if point.table == "turns":
             cases = ((case, case.levels_db[len(case.levels_db) // 2]) for case in self._list.cases)
             frames = [(case, frames_of(case, level_db)) for case, level_db in cases]

@@ -89,7 +89,7 @@ def open_sigmf(path: Path | str) -> SigmfFile:
     archive = path.name.endswith(_ARCHIVES) and path.is_file()
     meta = path if archive else path.with_suffix(".sigmf-meta")
     if not meta.is_file():
-        raise InputError(f"{path}: no such recording: {meta.name} is not there; give the .sigmf-meta file")
+        raise InputError(f"{path}: no SigMF recording: {meta.name} is not there; give the .sigmf-meta file")
     try:
         text, data = (
             _archived(path) if archive else (read_bytes(meta, most_bytes=_META_BYTES, what="recording"), None)

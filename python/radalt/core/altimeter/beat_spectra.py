@@ -227,15 +227,13 @@ class BeatSpectra:
             out[:] = spectra.quality["beyond"][at]
             hidden = np.flatnonzero(np.isnan(out))
         if hidden.size:
-            frames = spectra.frames[at[hidden]]
-            scale = spectra.scale[at[hidden]].astype(float) * self.decimation
-            within = spectra.power[at[hidden]].max(axis=-1).sum(axis=-1) * scale**2
-            energy = (
-                np.array([np.vdot(frame, frame).real for frame in frames]) / self.waveform.samples_per_half
-            )
-            room = energy > (1.0 + _ROOM * least) * within
+            at = at[hidden]
+            scale = spectra.scale[at].astype(float) * self.decimation
+            within = spectra.power[at].max(axis=-1).sum(axis=-1) * scale**2
+            energy = [np.vdot(spectra.frames[k], spectra.frames[k]).real for k in at]
+            room = np.array(energy) / self.waveform.samples_per_half > (1.0 + _ROOM * least) * within
             out[hidden] = 0.0
-            out[hidden[room]] = np.nan_to_num(self._beyond_span.ratio(frames[room]))
+            out[hidden[room]] = np.nan_to_num(self._beyond_span.ratio(spectra.frames[at[room]]))
         return out
 
     def moments(self, spectra: Spectra) -> np.ndarray:

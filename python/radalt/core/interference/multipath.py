@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..parsing import LARGEST, Settings, setting
+from ..parsing import Settings, setting
 from ..waveform import exp_cycles
 
 _LOS_DOPPLER = 0.7  # Doppler of the line of sight over the maximum, TR 38.901 clause 7.7.2
@@ -114,7 +114,7 @@ class FadingChannel(Settings, where="fading"):
     delay_spread_s: float = setting(100e-9, 0.0, 1e-5)
     """RMS delay spread that scales TDL profiles, 0..1e-5 (TR 38.901 Table 7.7.3-1: 10 ns very short, 30 short, 100
     nominal, 300 long, 1000 very long); not used by the others."""
-    doppler_hz: float = setting(0.0, 0.0, LARGEST)
+    doppler_hz: float = setting(0.0, 0.0, 5e4)
     """Maximum Doppler f_D; 0 keeps a channel fixed within a frame."""
     _taps: tuple = field(init=False, repr=False, compare=False)
 

@@ -30,9 +30,9 @@ class Whitening(Mitigation):
     batch = 16  # 0.88 of the time of four at once, and eight take 0.91
 
     def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 0.6) -> None:
-        if not 0 < smoothing_hz <= waveform.rate_hz:
+        if not 100 <= smoothing_hz <= waveform.rate_hz:
             raise MitigationError(
-                f"whitening.smoothing_hz is {smoothing_hz!r}; within 0..{waveform.rate_hz:g}"
+                f"whitening.smoothing_hz is {smoothing_hz!r}; within 100..{waveform.rate_hz:g}"
             )
         if not 0 < exponent <= 1:
             raise MitigationError(f"whitening.exponent is {exponent!r}; it has to be within 0..1")

@@ -59,7 +59,7 @@ def read_text(path: Path | str, *, most_bytes: int, what: str, remedy: str = "na
     try:
         return read_bytes(path, most_bytes=most_bytes, what=what, remedy=remedy).decode("utf-8")
     except UnicodeDecodeError:
-        raise InputError(f"{what} {_name(path)}: cannot be read (not a text file); {remedy}") from None
+        raise InputError(f"{what} {_name(path)}: cannot be read (not text in UTF-8); {remedy}") from None
 
 
 def read_csv(path: Path | str, *, most_bytes: int, what: str) -> tuple[list[dict[str, str]], list[str]]:
@@ -69,7 +69,7 @@ def read_csv(path: Path | str, *, most_bytes: int, what: str) -> tuple[list[dict
     """
     text = read_text(path, most_bytes=most_bytes, what=what, remedy="name a CSV file").removeprefix("\ufeff")
     lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
-    reader = csv.DictReader(lines, restval="")
+    reader = csv.DictReader(lines, restval="", delimiter=max(",;\t", key="".join(lines[:1]).count))
     try:
         reader.fieldnames = [re.sub(r"\W+", "_", name.lower()).strip("_") for name in reader.fieldnames or []]
         if twice := [name for name in reader.fieldnames if name and reader.fieldnames.count(name) > 1]:

@@ -160,7 +160,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
         return value
     if hint is str:
         if not isinstance(value, str):
-            quoted = ": quote it, since YAML takes it for a number" * isinstance(value, (int, float))
+            quoted = ": quote it, since YAML takes it for another type" * isinstance(value, (int, float))
             raise ValueError(f"{where} is {shown(value)}; expected text{quoted}")
         if CONTROL.search(value):
             raise ValueError(f"{where} is {shown(value)}; expected text without control characters")

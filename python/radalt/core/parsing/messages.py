@@ -33,7 +33,8 @@ def shown(value: Any) -> str:
 def _near(name: Any, known: Iterable[str]) -> list[str]:
     """Known names that may have been meant, the nearest first."""
     known, text = list(known), shown(name).strip("'")
-    close = difflib.get_close_matches(text, known, max(1, len(known)))
+    lower = {k.lower(): k for k in known}
+    close = [lower[k] for k in difflib.get_close_matches(text.lower(), lower, max(1, len(known)))]
     return list(dict.fromkeys([*close, *(k for k in known if len(text) > 2 and text in k)]))
 
 

@@ -29,9 +29,10 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            among = field.metadata.get("among")
-            if among and getattr(self, field.name) not in among:
-                value = getattr(self, field.name)
+            value, among = getattr(self, field.name, None), field.metadata.get("among")
+            if among and value not in among:
                 raise ValueError(f"{self.section}.{field.name} is {value!r}; allowed: {', '.join(among)}")
+            if isinstance(field.default, bool) and value not in (True, False):
+                raise ValueError(f"{self.section}.{field.name} is {value!r}; expected true or false")
             if field.metadata.get("limits"):
                 check_range(self.section, self, **{field.name: field.metadata["limits"]})

@@ -20,6 +20,7 @@ from ..text import one_line
 from .scene import Scene
 from .sections import MOST_SIR_DB
 
+_LEAST_HZ = 100.0  # least frequency of an interferer but 0, Hz: megahertz written as hertz
 _LEAST_SIR_DB = -200.0  # lowest SIR, dB: the bound of every quantity in decibels
 # keys that name files, with the folder of shipped ones; None: there is none, and it has to be at hand
 _FILES = {
@@ -138,7 +139,13 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{path}.sir_db is {sir_db:g}; at most {MOST_SIR_DB:g}: did you mean {-sir_db:g}?")
     others = (*_PLACEMENT, *EFFECTS)
     own = {k: v for k, v in params.items() if k not in others}
-    emitter = impaired(build(emitter_class(kind), own, path, also=others), params, path)
+    built = build(emitter_class(kind), own, path, also=others)
+    emitter = impaired(built, params, path)
+    for key, given in plain(built).items():
+        for value in given if isinstance(given, list) else [given]:
+            if key.endswith("_hz") and 0 < abs(value or 0.0) < _LEAST_HZ:
+                near = f"0, or at least {_LEAST_HZ:g}: did you mean {value * 1e6:g}?"
+                raise ValueError(f"{path}.{key} is {value:g}; it has to be {near}")
     stated_db = typing.cast(NamedEmitter, emitter).stated_sir_db
     if "sir_db" not in placement and stated_db is not None:
         placement["sir_db"] = stated_db

@@ -7,8 +7,7 @@ from scipy import fft
 from scipy.linalg import blas
 
 from ..altimeter.altimeter import AltimeterSettings, shared_altimeter
-from ..returns.point import point_return
-from ..waveform import Waveform, altitude_to_delay_s
+from ..waveform import Waveform, altitude_to_delay_s, sum_of_waves
 from .segmenter_settings import SegmenterSettings
 
 _FRACTION = 0.25  # least fractional delay that is reported, samples: 5 m at the default rate
@@ -41,6 +40,9 @@ class SweepFinder:
             waveform,
             AltimeterSettings(min_altitude_m=-span, max_altitude_m=span, max_vertical_speed_m_per_s=0.0),
         )
+        self._spectrum = fft.fft(waveform.reference)
+        # of its bins the first below the band, which is -B/2..B/2 or 0..B
+        self._wraps = (self._n + 1) // 2 if waveform.centered else self._n
         flank = float(np.sinc(waveform.bandwidth_hz / waveform.rate_hz))  # response a sample off the peak
         self._share = flank / (1.0 + flank)
         self._fine_strength = _FINE_STRENGTH / (1.0 - 2.0 * self._share) ** 2
@@ -150,12 +152,19 @@ class SweepFinder:
         if key not in self._expected:
             if len(self._expected) >= 64:
                 self._expected.clear()
-            w = self._waveform
-            if self._true_delay:
-                frame = point_return(w, altitude_m, vertical_speed_m_per_s=rate_m_per_s)
+            w, delay = self._waveform, offset_s
+            if self._true_delay:  # the sweep before ends as this one does
+                delay, spectrum = delay + float(altitude_to_delay_s(altitude_m)), self._spectrum
             else:
-                frame = w.beat_shifted(altitude_m)
-            spectrum = fft.fft(frame.astype(np.complex128))
-            turn = np.exp(-2j * np.pi * fft.fftfreq(self._n) * (offset_s * w.rate_hz))
-            self._expected[key] = (fft.ifft(spectrum * turn) / np.sqrt(self._n)).astype(np.complex64)
+                spectrum = fft.fft(w.beat_shifted(altitude_m))
+            spectrum = spectrum * self._ramp(-delay * w.rate_hz / self._n)
+            spectrum[self._wraps :] *= np.complex64(np.exp(2j * np.pi * delay * w.rate_hz))
+            frame = fft.ifft(spectrum) * np.float32(1 / np.sqrt(self._n))
+            if self._true_delay and rate_m_per_s:
+                frame *= self._ramp(-float(w.vertical_speed_to_doppler_hz(rate_m_per_s)) / w.rate_hz)
+            self._expected[key] = frame
         return self._expected[key]
+
+    def _ramp(self, step_cycles: float) -> np.ndarray:
+        """(N,) complex64 unit phasors that advance by so many cycles per sample."""
+        return sum_of_waves(np.ones(1), np.array([step_cycles]), self._n).astype(np.complex64)

@@ -277,6 +277,8 @@ class AltitudeTracker:
     def _scan(self, at: np.ndarray, last: int) -> Scan:
         """The frames at these places of the block that ends with frame ``last``."""
         ground = self.spread.find(self._received[at])
+        if ground is None and self._beside:  # interference hides it there
+            ground = self.spread.find(self._ratio[at])
         weights, edge_m = (np.float32(1.0), 0.0) if ground is None else (ground.weights, ground.deviation_m)
         block = Block(self.integrator, self._ratio[at] * weights, at.astype(float))
         beyond = self._beyond[at][np.isfinite(self._beyond[at])]

@@ -77,29 +77,23 @@ KINDS = {
 }
 
 
-STRATA = {  # strata of the rates per flight hour, and the kinds in them
-    "land, level": ("land",),
-    "land, banked": ("land",),
-    "a point": ("point",),
+STRATA = {  # strata of the rates per flight hour: their share of the time in the air, an assumption, and their kinds
+    "land, level": (0.80, ("land",)),
+    "land, banked": (0.12, ("land",)),
+    "a point": (0.01, ("point",)),
     "second returns, steps": (
-        *("step", "altimeter", "altimeter_alone", "sawtooth", "spoofed", "spoofed_first", "pull_off"),
-        *("two_grounds", "bounce", "beyond"),
+        0.02,
+        ("step", "altimeter", "altimeter_alone", "sawtooth", "spoofed", "spoofed_first", "pull_off")
+        + ("two_grounds", "bounce", "beyond"),
     ),
     "faults": (
-        "missing",
-        "slip",
-        "nan",
-        "clipped",
-        "frozen",
-        "leakage",
-        "gear",
-        "nonlinear",
-        "clock",
-        "rotor",
+        0.001,
+        ("missing", "slip", "nan", "clipped", "frozen", "leakage", "gear", "nonlinear", "clock", "rotor"),
     ),
     "emitters": (
-        *("noise", "interference", "jammed", "drawn", "switched_on", "landing", "land_jammed"),
-        *("gnuradio", "fading", "repeating"),
+        0.049,
+        ("noise", "interference", "jammed", "drawn", "switched_on", "landing", "land_jammed")
+        + ("gnuradio", "fading", "repeating"),
     ),
 }
 
@@ -135,7 +129,7 @@ def stratum_of(case: Case) -> str:
     """The stratum of a case."""
     if case.kind == "land":
         return "land, banked" if "bank" in case.name else "land, level"
-    return next(name for name, kinds in STRATA.items() if case.kind in kinds)
+    return next(name for name, (_, kinds) in STRATA.items() if case.kind in kinds)
 
 
 def cases(kinds: tuple[str, ...] = tuple(KINDS)) -> list[Case]:

@@ -73,9 +73,9 @@ def pfd_dbw_per_m2_mhz(frequency_hz: np.ndarray | float, altitude_ft: float = 20
 class ButterworthFilter(Settings, where="filter"):
     """Band-pass selectivity |H|^2 = 1 / (1 + (2 (f - centre) / bandwidth)^(2 order))."""
 
-    center_hz: float = setting(4.3e9, 1.0, LARGEST)
+    center_hz: float = setting(4.3e9, 1e8, 1e12)
     """Middle of the pass band."""
-    bandwidth_hz: float = setting(7.5e6, 1.0, LARGEST)
+    bandwidth_hz: float = setting(7.5e6, 1e5, LARGEST)
     """Width between the 3 dB points."""
     order: int = setting(5, 1, 20)
     """Order of the low-pass prototype."""

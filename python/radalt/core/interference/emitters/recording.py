@@ -19,9 +19,6 @@ from . import NamedEmitter, register
 _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
-_LEAST_HZ = (
-    100.0  # least frequency shift but 0, Hz: megahertz written as hertz, within a bin or two of ``seconds``
-)
 _RATES_HZ = (1e3, 1e9)  # sample rates that are read, Hz
 _REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
 # Smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB).
@@ -51,7 +48,7 @@ class RecordingEmitter(NamedEmitter):
     file: str = ""
     """A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
     ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``."""
-    offset_hz: float = setting(0.0, -LARGEST, LARGEST, _LEAST_HZ)
+    offset_hz: float = setting(0.0, -LARGEST, LARGEST)
     """Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
     over ``seconds``."""
     start_s: float = setting(0.0, 0.0, LARGEST)
@@ -116,6 +113,8 @@ def _open(emitter: RecordingEmitter) -> SigmfFile | RawFile:
         bare = not (emitter.datatype or emitter.rate_hz)
         if bare and (".sigmf" in path.name or path.with_suffix(".sigmf-meta").is_file()):
             return open_sigmf(path)
+        if ".sigmf" in path.name and not path.name.endswith("-data"):
+            raise InputError(f"{path}: SigMF states rate and type; leave out rate_hz and datatype")
         return open_raw(path, emitter.datatype, emitter.rate_hz)
     except InputError as error:
         raise ValueError(f"recording.file: {error}") from None
@@ -138,8 +137,8 @@ def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
             f"{recording.sample_count / source_hz:g} s; start earlier"
         )
     samples = recording.read(first, count).astype(np.complex128)
-    if not np.isfinite(samples.view(np.float64)).all():
-        raise ValueError(f"recording.file {emitter.file} holds samples that are not finite; start elsewhere")
+    if not (np.isfinite(samples.view(np.float64)).all() and samples.any()):
+        raise ValueError(f"recording.file {emitter.file} is not finite, or zeros alone; start elsewhere")
     # oversample so that the shifted signal does not alias
     up = int(np.ceil((2 * abs(emitter.offset_hz) + source_hz) / source_hz))
     if up > _MOST_UP:

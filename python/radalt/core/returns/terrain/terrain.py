@@ -86,9 +86,8 @@ class DtedCell:
             raise TerrainError(f"terrain file {path}: {error.strerror or error}; name a DTED file") from error
         except (dted.errors.InvalidFileError, ValueError, IndexError, struct.error) as error:
             reason = " ".join(str(error).split())
-            raise TerrainError(
-                f"terrain file {path} is not intact DTED ({reason}); fetch it again"
-            ) from error
+            other = "fetch it again, or convert it (gdal_translate -of DTED)"
+            raise TerrainError(f"terrain file {path} is not intact DTED ({reason}); {other}") from error
         posts = np.asarray(tile.data, dtype=float)
         posts[posts == VOID_M] = np.nan
         posts = np.where(posts < _DEEPEST_M, -32768.0 - posts, posts)

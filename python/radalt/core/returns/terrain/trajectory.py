@@ -18,17 +18,18 @@ _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 COLUMNS = {
     "time": ("time_s", "time", "timestamp"),
     "latitude": ("latitude_deg", "latitude", "lat"),
-    "longitude": ("longitude_deg", "longitude", "lon", "long"),
-    "altitude": ("altitude_m", "altitude_ft", "alt_ft", "altitude", "alt"),
+    "longitude": ("longitude_deg", "longitude", "lon", "long", "lng"),
+    "altitude": ("altitude_m", "altitude_ft", "alt_m", "alt_ft", "altitude", "alt"),
     "geo": ("geoaltitude", "geo_altitude", "alt_geom"),
     "baro": ("baroaltitude", "baro_altitude", "alt_baro"),
     "aircraft": ("icao24", "hex", "callsign"),
     "onground": ("onground", "on_ground"),
 }
-# Altitude columns that state their unit, and columns of flight logs, whose altitudes are in feet as often as in metres
+# Altitude columns that state their unit, and how columns of flight logs begin, whose altitudes may be in feet
 # (OpenSky's own state vectors, which have `velocity`, are metric)
-_UNITS = {"altitude_m": "m", "altitude_ft": "ft", "alt_ft": "ft", "alt_baro": "ft", "alt_geom": "ft"}
-_LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight callsign".split())
+_UNITS = dict.fromkeys(("altitude_m", "alt_m"), "m")
+_UNITS |= dict.fromkeys(("altitude_ft", "alt_ft", "alt_baro", "alt_geom"), "ft")
+_LOGGED = tuple("gs gspeed ground speed vertical_rate vspeed baro_rate track course flight callsign".split())
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
 _EMPTY = ("", "nan", "null", "none", "ground")  # cells without a number
 _APART_M = 31.0  # largest difference of an altitude in metres and in feet, m: one is in hundreds of feet
@@ -122,10 +123,11 @@ class Trajectory:
         moved = np.hypot(meridian * np.radians(np.diff(self.latitude_deg)), east)
         # 300 m/s by a clock of milliseconds is 0.3 m/s, at which nothing flies a kilometre; 1e11 s is the year 5138
         slow = moved.sum() < 0.3 * (t[-1] - t[0]) and (moved.sum() > 1e3 or np.median(step) > self.max_gap_s)
-        if slow or t[0] > 1e11:
+        fast = np.median(step) < 1.0 and np.median(moved / step) > self.max_speed_m_per_s
+        if slow or fast or t[0] > 1e11:
             raise TrajectoryError(
                 f"{self.source}: from {t[0]:.12g} to {t[1]:.12g} it moves {moved[0]:.3g} m, so the times look like "
-                "milliseconds; give seconds: divide them by 1000"
+                f"{'minutes or hours' if fast else 'milliseconds'}; give seconds"
             )
         if step.max() > self.max_gap_s:
             k = int(np.argmax(step))
@@ -169,15 +171,9 @@ class Trajectory:
         geoaltitude; metres, seconds) and of receivers (alt_baro, alt_geom; feet). State vectors on the ground,
         without position or altitude, or with the position of the row before (stale) are left out.
 
-        - ``aircraft``: ``icao24`` (or callsign) to take from a file with several
-        - ``altitude``: ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude), where there are
-          several; default the plain altitude, else the first of these
-        - ``altitude_unit``: ``"m"`` or ``"ft"``, of a column whose name does not state it: needed in a flight log
-          (groundspeed, vertical_rate, track, callsign), elsewhere metres
-        - ``altitude_offset_m``: added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around
-          Chicago), the pressure correction for barometric ones, minus the height of the reporting antenna above the
-          altimeter's
-        - ``**settings``: as of the class
+        All else is as of `core.returns.landing.TrajectorySpec`. An altitude without a unit in its name is in metres,
+        and refused in a flight log (`_LOGGED`). What is added to GNSS altitudes is minus the geoid undulation (+34 m
+        around Chicago), and to barometric ones the pressure correction.
 
         Raises `TrajectoryError`: as the class, and if the file cannot be read, lacks a column, or holds several
         aircraft.
@@ -280,7 +276,7 @@ def _unit(path: Path, column: str, names: list[str], given: str | None) -> str:
     stated = _UNITS.get(column)
     if stated and given not in (None, stated):
         raise TrajectoryError(f"{path.name}: {column} is in {stated}, altitude_unit is {given}; leave it out")
-    logged = sorted(_LOGGED.intersection(names))
+    logged = sorted(name for name in names if name.startswith(_LOGGED))
     if not (stated or given) and logged and "velocity" not in names:
         raise TrajectoryError(
             f"{path.name}: column {column} may be in feet or metres, as the file has {', '.join(logged)}; "
@@ -294,11 +290,9 @@ def _one_aircraft(
 ) -> list[dict[str, str]]:
     named = [row[column].strip().lower() if column else "" for row in rows]
     seen = [name or "(none)" for name, _ in Counter(named).most_common()]
-    listed = (
-        f"{len(seen)} aircraft in column {column} ({', '.join(seen[:8])})"
-        if column
-        else "no column of aircraft"
-    )
+    listed = "no column of aircraft"
+    if column:
+        listed = f"{len(seen)} aircraft in column {column} ({', '.join(seen[:8])})"
     if wanted is None:
         if len(seen) > 1:
             raise TrajectoryError(f"{path.name}: {listed}; choose one: aircraft=")
@@ -326,14 +320,10 @@ def _usable(
             point = [float(cell) for cell in cells]
             metres = [float(cell) * (foot if _UNITS[name] == "ft" else 1.0) for name, cell in both.items()]
         except ValueError as error:
-            raise TrajectoryError(
-                f"{path.name}: data row {number}: {error}; every cell has to be a number"
-            ) from error
+            raise TrajectoryError(f"{path.name}: data row {number}: {error}; give numbers") from error
         if both and max(metres) - min(metres) > _APART_M:
             said = " and ".join(f"{name} {cell}" for name, cell in both.items())
-            raise TrajectoryError(
-                f"{path.name}: data row {number}: {said} are two altitudes; leave one column"
-            )
+            raise TrajectoryError(f"{path.name}: data row {number}: {said} are two altitudes; leave one")
         if not (state_vectors and kept and kept[-1][1:3] == point[1:3]):
             kept.append(point)
     return kept
