@@ -23,7 +23,7 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path) -> None
     ][:_PANELS]
     if not shown:
         return
-    across = min(3, len(shown))
+    across = min(3 if len(shown) > 4 else 2, len(shown))
     down = -(-len(shown) // across)
     figure = new_figure(2.9 * across + 0.6, 2.3 * down + 0.7)
     axes = figure.subplots(down, across, sharey=True, squeeze=False)

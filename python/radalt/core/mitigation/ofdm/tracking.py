@@ -13,7 +13,6 @@ from .numerology import Numerology
 from .phase_timing import axes_phases
 from .settings import OfdmSettings
 
-_PRICE = 14.0  # FFTs, see `IterativeReceiver`
 _BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged
 
 
@@ -115,7 +114,6 @@ def tracked(
     delay = block_delay(c, edge, grid.numerology)
     grid.ramp = grid.ramp * timing_ramp(np.full(1, delay), grid.numerology)
     state.first_long += delay
-    receiver.ffts += _PRICE
     noise = np.broadcast_to(state.noise, grid.raw.shape)
     start = ChannelStart(state.channel, state.used, phase, "static", noise)
     found = receiver.loop(grid, free, start, 0, known=known, memory=settings.channel_memory * len(grid))
