@@ -16,21 +16,11 @@ _GRAM_STEP = 2  # one subcarrier in so many serves the Gram matrices
 
 @dataclass(frozen=True)
 class Prefix:
-    """Cyclic prefix of a frame (J.-J. van de Beek et al., IEEE Trans. Signal Process. 45(7), 1997).
+    """Cyclic prefix of a frame (J.-J. van de Beek et al., IEEE Trans. Signal Process. 45(7), 1997)."""
 
-    Attributes
-    ----------
-    middle : float
-        Sample of the middle of a prefix.
-    cfo : float
-        Carrier frequency offset from the nearest whole subcarrier, in subcarriers, -0.5..0.5.
-    contrast : float
-        Peak of the folded correlation over its scatter elsewhere.
-    """
-
-    middle: float
-    cfo: float
-    contrast: float
+    middle: float  # sample of the middle of a prefix
+    cfo: float  # carrier frequency offset from the nearest whole subcarrier, in subcarriers, -0.5..0.5
+    contrast: float  # peak of the folded correlation over its scatter elsewhere
 
 
 def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
