@@ -54,11 +54,11 @@ def fourth_powers(elements: np.ndarray, level: np.ndarray, trust: np.ndarray) ->
 class ChannelStart:
     """What the iterative receiver begins with."""
 
-    channel: np.ndarray  # (1, K) or (L, K) complex64: up to a quarter turn per subcarrier
+    channel: np.ndarray  # (1, K) or (L, K) complex64, up to a quarter turn per subcarrier
     used: np.ndarray  # (K,) bool: subcarriers in use
-    phase: np.ndarray  # (L, 1) complex64: factors that bring all symbols to one phase
+    phase: np.ndarray  # (L, 1) complex64 factors that bring all symbols to one phase
     model: str  # of the channel: "static", "moving" or "tile"
-    noise: np.ndarray | None = None  # (L, K) float32 or None: unknown if None
+    noise: np.ndarray | None = None  # (L, K) float32; unknown if None
 
 
 def blind_channel(grid: ElementGrid, free: np.ndarray, model: str, settings: OfdmSettings) -> ChannelStart:

@@ -21,7 +21,7 @@ from .numerology import Numerology
 from .phase_timing import correct_phase, retimed, timing_drift
 from .reconstruction import blanked, modulate, sent_elements
 from .return_estimation import ReturnEstimator
-from .return_fit import MaskedPoints, ReturnFit
+from .return_fit import RESIDUE, MaskedPoints, ReturnFit
 from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper, SoftSymbols
 
@@ -30,7 +30,6 @@ ITERATION_FFTS = 31.0
 _SAMPLED = 7  # decimation of resource blocks in the first noise estimate
 # penalty on the spread of the log error between regions, nats per neper: a false lock fits some and fails in others
 _UNEVEN_PENALTY = 0.05
-_RESIDUE = np.float32(0.02)  # of a known return's power: it is no exact tone
 _LEAST = np.float32(1e-9)  # of the channel's power, that of a frame being 1: a divisor
 # half the distance of 256QAM's points, squared (TS 38.211 clause 5.1.5); returns louder than that of 64QAM are visible
 _DISTANCE_256QAM, _RARE = 1.5 / 255, 0.1  # and its share of the elements, from which it counts
@@ -41,7 +40,7 @@ _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 class KnownReturn:
     """What is known of the return before decisions."""
 
-    elements: np.ndarray  # (L, K) complex64: its part of the elements, before timing is corrected
+    elements: np.ndarray  # (L, K) complex64: its part of them, before timing is corrected
     uncertainty: np.ndarray  # (L, 1) float32: error of its power over its power, in each symbol
     everywhere: bool  # whether it is known so well that masked elements serve as the others do
 
@@ -52,15 +51,14 @@ class Reception:
 
     channel: np.ndarray  # (1, K) or (L, K) complex64
     used: np.ndarray  # (K,) bool
-    phase: np.ndarray  # (L, 1) complex64: factors that took out the symbols' phases
-    elements: np.ndarray  # (L, K) complex64: received, timing and phase corrected, known return included
+    phase: np.ndarray  # (L, 1) complex64 factors that took out the symbols' phases
+    elements: np.ndarray  # (L, K) complex64 received, timing and phase corrected, known return included
     noise: np.ndarray  # (L, K) float32
     soft: SoftSymbols
     model: str  # of the channel
-    relative_noise: float  # noise over the emitter's power
+    relative_noise: float  # over the emitter's power
     gain: float = 0.0  # nats per element over a Gaussian of the same power in each subcarrier: 0 for noise
-    score: float = 0.0
-    """``gain`` less a penalty for noise that is uneven over the frame, by which channel models are compared."""
+    score: float = 0.0  # gain less a penalty for uneven noise, by which channel models are compared
     ramp: np.ndarray | None = None  # (L, K) complex64: timing correction that belongs to it
     return_power: float = 0.0  # of the return in its elements, if it is unknown
 
@@ -87,7 +85,7 @@ class _Elements:
 
     def doubt(self, return_power: np.float32) -> np.ndarray | np.float32:
         """Power of the return that is left in masked elements: what is uncertain of it, or all if it is unknown."""
-        return return_power if self.back is None else (self.uncertainty + _RESIDUE) * power(self.back)
+        return return_power if self.back is None else (self.uncertainty + RESIDUE) * power(self.back)
 
     def retime(self, factor: np.ndarray) -> None:
         """Multiply by (L, K) or (L, 1) factors."""

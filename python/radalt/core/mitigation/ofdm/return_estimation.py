@@ -15,7 +15,7 @@ class ReturnEstimate:
     """A return as one tone per half sweep, at beats that one return at an allowed speed can have."""
 
     samples: np.ndarray  # (N,) complex64
-    ratios: np.ndarray  # (2,) float32: power of each half's tone over the mean power of noise in a cell there
+    ratios: np.ndarray  # (2,) float32: each half's tone over the mean power of noise in a cell there
     cells: np.ndarray  # (2,) int: each half's beat in the twice zero-padded spectrum
 
 

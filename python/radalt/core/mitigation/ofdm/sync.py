@@ -11,8 +11,6 @@ from .numerology import Numerology, fold_index
 from .return_mask import ReturnMask
 from .settings import OfdmSettings
 
-_GRAM_STEP = 2  # one subcarrier in so many serves the Gram matrices
-
 
 @dataclass(frozen=True)
 class Prefix:
@@ -62,7 +60,7 @@ def acquire(
     fourth = fourth_powers(grid.raw * grid.ramp, level, free & used)
     most = -(-len(starts) // per_cycle) + 1
     longer = timing_ramp(4 * numerology.longer * np.arange(most), numerology)
-    some = slice(None, None, _GRAM_STEP)
+    some = slice(None, None, 2)  # subcarriers that are enough for the Gram matrices
     rows = (longer[:, None, some] * fourth[:, some]).reshape(most * len(starts), -1)
     gram = np.abs(rows @ fourth[:, some].conj().T).reshape(most, len(starts), -1)
     later, earlier = np.maximum.outer(index, index), np.minimum.outer(index, index)

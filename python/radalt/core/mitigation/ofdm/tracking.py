@@ -25,12 +25,10 @@ class TrackingState:
     cfo: float  # in subcarriers
     channel: np.ndarray  # (1, K) complex64
     used: np.ndarray  # (K,) bool
-    noise: np.ndarray
-    """(1, K) float32: least over the symbols: that of a subcarrier, without regions that have more."""
+    noise: np.ndarray  # (1, K) float32, least over the symbols: without regions that have more
     model: str
     relative_noise: float  # of the receptions before, averaged
-    course: tuple[float, float] | None
-    """(float, float) or None: phase at the frame's first sample and its rate; see `phase_course`."""
+    course: tuple[float, float] | None  # phase at the first sample, and its rate: `phase_course`
     level: float = 1.0  # amplitude by which frames are divided, so that the channel's scale stays
     return_power: float = 0.0  # of the return in its elements, by an earlier frame
     tones: bool = False  # whether tones were removed before
