@@ -35,8 +35,6 @@ import numpy as np
 def mitigate(frames, waveform):
     return np.clip(frames.real, -20, 20) + 1j * np.clip(frames.imag, -20, 20)
 """
-
-
 LISTS = sorted(path.stem for path in find_list("standard").parent.glob("*.yaml"))
 
 
