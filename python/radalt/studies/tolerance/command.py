@@ -58,6 +58,12 @@ def _arguments(parser: Parser) -> None:
     )
     add("--seeds", type=number(int, 1, 100), default=1, help="realisations (default: %(default)s)")
     add(
+        "--seed",
+        type=number(int, 1, 10_000),
+        default=2,
+        help="the first of them (default: %(default)s; the shipped altimeters were fitted on 1)",
+    )
+    add(
         "--ground",
         choices=("point", "diffuse"),
         default="point",
@@ -71,7 +77,7 @@ def _arguments(parser: Parser) -> None:
     add(
         "--decompose",
         action="store_true",
-        help="interferers outside the band also with each mechanism alone, and without it",
+        help="interferers outside the band also with each mechanism alone or off, those in it without compression",
     )
 
 
@@ -88,7 +94,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study:
 
     return ToleranceStudy(
         args.profile, args.interferers, args.method, args.altitudes_ft, args.outputs, args.seeds, args.ground,
-        args.decompose,
+        args.decompose, args.seed,
     )  # fmt: skip
 
 

@@ -104,6 +104,8 @@ class Interferer:
         Whether the aircraft's other altimeters and a foreign one transmit as well, at their own levels.
     bursts : Bursts or None
         When it transmits; None is always.
+    elsewhere_db : float or None
+        Power of a second one of the kind, in another direction, over the first's; None for none.
     """
 
     title: str
@@ -114,6 +116,7 @@ class Interferer:
     floor_dbc_per_hz: float = _OSCILLATOR_DBC_PER_HZ
     others: bool = False
     bursts: Bursts | None = None
+    elsewhere_db: float | None = None
 
     @property
     def blocker(self) -> bool:
@@ -187,6 +190,7 @@ INTERFERERS = {
         "equal sweep, drifting", _drifting, constant_envelope=True, bandwidth_hz=1.0
     ),
     "white_noise_others": Interferer("white noise, own altimeters on", others=True),
+    "white_noise_two": Interferer("white noise, and 10 dB weaker from elsewhere", elsewhere_db=-10.0),
 }
 
 
