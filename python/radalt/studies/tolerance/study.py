@@ -29,22 +29,13 @@ from .criteria import CRITERIA, RUN_IN, break_level, judged
 from .interferers import INTERFERERS, MECHANISMS, NOT_ALONE, THRESHOLD, Interferer, locked_m, others_mw
 
 SECOND = "auxiliary_cancel"
-METHODS = (
-    "none",
-    "whitening",
-    "linear_prediction",
-    "blanking",
-    SECOND,
-)  # those that work behind an IF filter
+# those that work behind an IF filter
+METHODS = ("none", "whitening", "linear_prediction", "blanking", SECOND)
 KEEP_SCALE = ("none", "blanking", SECOND)  # methods that leave the scale of the IF
 _CHUNK = 8  # outputs per call of the detector
 # The second antenna, its front end but for the ripple the profile's own: a second emitter is elsewhere
-AUXILIARY = AuxiliarySettings(
-    directions=(Direction(), Direction(gain_db=0.0, delay_s=-3e-9)),
-    image_db=None,
-    third_order_db=None,
-    adc_bits=0,
-)
+_DIRECTIONS = Direction(), Direction(gain_db=0.0, delay_s=-3e-9)
+AUXILIARY = AuxiliarySettings(directions=_DIRECTIONS, image_db=None, third_order_db=None, adc_bits=0)
 _PIECE_S = 55e-6  # a carrier of 1 MHz stays in the IF for that long at 43 GHz/s
 _APART = 0.05  # of the altitude; an equal sweep nearer to it could pass the criteria (2 %) for the return
 _MOST_LOSS_DB = 160  # in which the loop loss of a lost track is searched
@@ -104,30 +95,32 @@ class Trial:
         self.detector = profile.make_detector()
         options = {"max_altitude_m": profile.max_range_m} if method == "blanking" else {}
         self.method = None if method in ("none", SECOND) else create(method, w, **options)
-        self.auxiliary = self.canceller = None
-        emitted = [self.banks[0]]
+        self.canceller, self.gains_db = None, [0.0]
+        emitted = self.banks
         if self.kind.elsewhere_db is not None:
-            emitted.append(
-                np.float32(10 ** (self.kind.elsewhere_db / 20)) * self.kind.bank(profile, frames, self.rng)
-            )
+            other = self.kind.bank(profile, frames, self.rng)
+            emitted = [self.banks[0], np.float32(10 ** (self.kind.elsewhere_db / 20)) * other]
             self.banks = [sum(emitted)]
         if method == SECOND:
-            self.auxiliary = replace(auxiliary, directions=auxiliary.directions[: len(emitted)])
             settings = {"reach_s": 0.0, "order": 1, "pieces": round(w.sweep_s / _PIECE_S)} | cancel
             self.canceller = AuxiliaryCancel(
                 w, CancelSettings(**settings), max_altitude_m=profile.max_range_m
             )
             # both antennas receive the emitter's broadband noise as they receive the emitter
-            emitted = [
-                x + white_noise(w, frames, 10 ** (self.kind.floor_dbc_per_hz / 10), self.rng) for x in emitted
-            ]
-            receiver = AuxiliaryReceiver(w, self.auxiliary, (), 0.0, seed)
+            own = 10 ** (self.kind.floor_dbc_per_hz / 10)
+            emitted = [bank + white_noise(w, frames, own, self.rng) for bank in emitted]
+            second = replace(auxiliary, directions=auxiliary.directions[: len(emitted)])
+            receiver = AuxiliaryReceiver(w, second, (), 0.0, seed)
             channels = [
                 receiver.receive(i, np.zeros(1), lambda k, s, i=i: delayed_if(w, emitted[k][i : i + 1], s))
                 for i in range(frames)
             ]
             self.banks = [np.concatenate(bank).astype(np.complex64) for bank in zip(*channels, strict=True)]
             self.noise.append(white_noise(w, frames, density, self.rng))
+            # each front end's own distortion lies in the emitter's band, as another one of the kind does
+            self.distortion = [self.kind.bank(profile, frames, self.rng) for _ in range(2)]
+            self.gains_db.append(auxiliary.directions[0].gain_db)
+            self.leakage = np.float32(10 ** (-auxiliary.isolation_db / 20))
 
     def returns(self, altitude_ft: float) -> np.ndarray:
         """(1, N) or (frames, N) complex64: the return at the loop loss of an altitude."""
@@ -176,8 +169,7 @@ class Trial:
         back = returns if len(returns) == 1 else returns[part]
         y = self._channel(0, back, level_dbm, part)
         if self.canceller is not None:
-            leaked = np.float32(10 ** (-self.auxiliary.isolation_db / 20)) * back
-            y = self.canceller.process(y, self._channel(1, leaked, level_dbm, part))
+            y = self.canceller.process(y, self._channel(1, self.leakage * back, level_dbm, part))
         return y if self.method is None else self.method.process(y)
 
     def _channel(self, k: int, back: np.ndarray, level_dbm: float | None, part: slice) -> np.ndarray:
@@ -187,14 +179,10 @@ class Trial:
             y = self.noise[k][part] + back
         else:
             return_mw = float(np.mean(np.abs(back[0]) ** 2))
-            levels_dbm = [level_dbm]
-            if self.auxiliary is not None:
-                levels_dbm.append(level_dbm + self.auxiliary.directions[0].gain_db)
-            gain, added = self.kind.in_receiver(p, levels_dbm[k], return_mw)
-            if self.auxiliary is not None:
+            at_dbm = level_dbm + self.gains_db[k]
+            gain, added = self.kind.in_receiver(p, at_dbm, return_mw)
+            if self.canceller is not None:
                 del added["own noise"]  # which both antennas receive: it is in the bank
-                width_hz = self.kind.bandwidth_hz or p.noise_bandwidth_hz
-                added["own distortion"] = gain.distortion * 10 ** (levels_dbm[k] / 10) / width_hz
             density, weak = sum(added.values()) / p.noise_mw_per_hz, gain.weak
             rest: np.ndarray | float = 0.0
             if self.kind.bursts is not None:
@@ -207,6 +195,8 @@ class Trial:
             y += np.asarray(weak, dtype=np.float32) * back + np.asarray(rest, dtype=np.complex64)
             if self.banks[k] is not None:
                 y += np.float32(gain.own * 10 ** (level_dbm / 20)) * self.banks[k][part]
+            if self.canceller is not None and gain.distortion > 0:
+                y += np.float32(np.sqrt(gain.distortion) * 10 ** (at_dbm / 20)) * self.distortion[k][part]
         if self.others is not None:
             y += self.others[part]
         blocks = y.reshape(-1, p.sweeps_per_output * y.shape[1])
