@@ -10,7 +10,7 @@ import sys
 import numpy as np
 from gnuradio import blocks, gr, radalt
 
-from radalt.core.receiver.altimeter import Reason
+from radalt.core.altimeter.altimeter import Reason
 from radalt.core.scene import parse_scene
 
 # The sweep that was sent, and how high to search. What is not said has a default: docs/scene-reference.md

@@ -11,6 +11,7 @@ const table = document.querySelector("table:has(th button)");
 const seen = (k) => [...table.tBodies[0].rows].map((r) => r.cells[k].dataset.value).join("|");
 table.querySelectorAll("th button")[1].click(); document.body.dataset.up = seen(1);
 table.querySelectorAll("th button")[1].click(); document.body.dataset.down = seen(1);
+for (const folded of document.querySelectorAll("details")) folded.open = true;
 const wide = (s) => s.getBoundingClientRect().width > 300;
 document.body.dataset.drawn = [...document.querySelectorAll("figure svg")].filter(wide).length;
 </script></body>"""
@@ -25,7 +26,7 @@ def assert_whole(page: Path, browser: list[str] | None) -> None:
     assert "default-src 'none'" in text
     assert text.count("<figure><svg") == len(re.findall(r"^!\[", markdown, re.MULTILINE))
     assert "<figure><img" not in text
-    assert text.count("<th scope") == text.count('<button type="button">') > 0
+    assert text.count("<th scope") == text.count('<button type="button" title="sort">') > 0
     rows = [line for line in markdown.splitlines() if line.startswith("|")]
     assert text.count("<tr>") == len(rows) - len([r for r in rows if r.startswith("|---")])
     settings = yaml.safe_load(re.search(r"<pre>(.*?)</pre>", text, re.DOTALL)[1].replace("&#39;", "'"))

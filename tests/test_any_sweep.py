@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.mitigation.any_sweep import SERVED, layout_of
-from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

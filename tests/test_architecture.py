@@ -58,9 +58,13 @@ def test_no_import_points_up():
 def test_only_the_methods_that_judge_their_own_output_know_an_altimeter():
     """`lms` and `shift_check`; others know its settings and the quality of received frames, and no more."""
     asking = {(e.source, e.target) for e in IMPORTS if e.source.startswith("core.mitigation")}
-    asking = {(source, target) for source, target in asking if target.startswith("core.receiver")}
-    altimeter = "core.receiver.altimeter"
-    known = {"core.receiver.altimeter_settings", "core.receiver.frame_quality"}
+    asking = {
+        (source, target)
+        for source, target in asking
+        if target.startswith(("core.altimeter", "core.timing", "core.tracker"))
+    }
+    altimeter = "core.altimeter.altimeter"
+    known = {"core.altimeter.altimeter_settings", "core.altimeter.frame_quality"}
     assert {source for source, target in asking if target not in known} == {
         "core.mitigation.lms",
         "core.mitigation.shift_check",
@@ -115,19 +119,19 @@ def test_every_module_has_its_room():
 )
 def test_an_arrow_up_is_found_however_it_is_written(tmp_path, line, lazy):
     package = tmp_path / "radalt"
-    for room in ("core/receiver", "core/scene"):
+    for room in ("core/altimeter", "core/scene"):
         (package / room).mkdir(parents=True)
         (package / room / "__init__.py").write_text("")
     for room in ("", "core"):
         (package / room / "__init__.py").write_text("")
-    (package / "core/scene/thing.py").write_text("from ..receiver import cfar\n")
-    (package / "core/receiver/cfar.py").write_text(line + "\n")
+    (package / "core/scene/thing.py").write_text("from ..altimeter import cfar\n")
+    (package / "core/altimeter/cfar.py").write_text(line + "\n")
     found = architecture.imports(package)
     (wrong,) = upward(found)
-    assert (wrong.source, wrong.lazy) == ("core.receiver.cfar", lazy)
+    assert (wrong.source, wrong.lazy) == ("core.altimeter.cfar", lazy)
     if wrong.target.endswith("thing"):
-        assert set(circle(found)) == {"core.receiver.cfar", "core.scene.thing"}
-    with pytest.raises(ValueError, match=r"core\.receiver imports core\.scene"):
+        assert set(circle(found)) == {"core.altimeter.cfar", "core.scene.thing"}
+    with pytest.raises(ValueError, match=r"core\.altimeter imports core\.scene"):
         architecture.draw(package)
 
 

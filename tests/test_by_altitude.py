@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from radalt.core.altimeter.altimeter import RESULT_DTYPE
 from radalt.core.programme import Programme
-from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene
 from radalt.evaluation.overlap.altitudes import (
     ERRORS_M,

@@ -157,8 +157,8 @@ def test_line_of_a_program_is_accepted(line, request, desk, monkeypatch, capsys)
     program = Path(script).stem
     monkeypatch.syspath_prepend(str(ROOT / "flowgraphs"))
     stop = STOP.get(program)
-    # recordings and clusters are other tests' business, and plugins those of test_extending; many models load slowly
-    others = {"--replay", "--scheduler", "--models"} & set(arguments) or "clipper" in line
+    # recordings and clusters are other tests' business, and plugins those of test_extending; models load slowly
+    others = {"--replay", "--scheduler"} & set(arguments) or "clipper" in line or program == "stability"
     if stop and not others:
         ends = "--check" in arguments or stop in arguments
         options = arguments if ends else [*arguments, stop]
@@ -277,7 +277,10 @@ def test_a_command_that_is_nearly_one_is_named(capsys):
     )
 
 
-def test_an_option_that_is_nearly_one_is_named(capsys):
+@pytest.mark.parametrize(("called", "name"), [("radalt eval", "radalt eval"), ("ota_eval.py", "ota_eval")])
+def test_an_option_that_is_nearly_one_is_named(capsys, monkeypatch, called, name):
+    monkeypatch.setattr(sys, "argv", [called])
     with pytest.raises(SystemExit):
         ota_eval.main(["--sim", "--ovrlap=1"])
-    assert "--ovrlap=1; did you mean '--overlap'? --help lists the options" in capsys.readouterr().err
+    said = f"{name}: .* --ovrlap=1; did you mean '--overlap'. --help lists the options"
+    assert re.match(said, capsys.readouterr().err)

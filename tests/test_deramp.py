@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import fft
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.deramp.emitters import Carrier, OtherAltimeter, Tone, delayed_if, interference_if
 from radalt.core.deramp.if_waveform import IfWaveform, white_noise
 from radalt.core.fir import kaiser_lowpass
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk import QpskEmitter
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

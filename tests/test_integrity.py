@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from radalt.core.receiver.tracker_settings import OUTPUT_DTYPE, Status
+from radalt.core.tracker.tracker_settings import OUTPUT_DTYPE, Status
 from radalt.evaluation.results.integrity import (
     Integrity,
     integrity,
@@ -59,11 +59,8 @@ def test_scores_add_and_empty_ones_say_nothing():
     out, truth = outputs_of("NN-", 0.0, 1.0)
     one = integrity(out, truth, 10.0)
     assert (one + one).outputs == 6 and (one + Integrity()) == one
-    assert (
-        np.isnan(Integrity().availability)
-        and np.isnan(Integrity().continuity)
-        and np.isnan(Integrity().rate("computed"))
-    )
+    nothing = Integrity()
+    assert np.isnan([nothing.availability, nothing.continuity, nothing.rate("computed")]).all()
 
 
 def test_time_to_first_altitude_and_to_alert():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from radalt.core.altimeter.altimeter import RESULT_DTYPE
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.programme import Programme
-from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene, SweepSpec
 from radalt.evaluation.overlap.points import OverlapPoint, parse_axis, point_seed, scene_at, sweep_points
 from radalt.evaluation.overlap.rows import make_row

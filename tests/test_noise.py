@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from radalt.core.altimeter.altimeter import Altimeter
+from radalt.core.altimeter.altimeter_settings import AltimeterSettings
 from radalt.core.channel.noise import ReceiverNoise
-from radalt.core.receiver.altimeter import Altimeter
-from radalt.core.receiver.altimeter_settings import AltimeterSettings
 from radalt.core.waveform import Waveform
 
 N = 7500

@@ -7,11 +7,11 @@ import pytest
 
 from radalt.core.deramp.ground import DiffuseGround, facet_frame
 from radalt.core.deramp.if_waveform import IfWaveform, white_noise
-from radalt.core.receiver.summed_detector import CounterDetector, SummedDetector
-from radalt.core.receiver.tracker_settings import Status
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain.antenna import GaussianAntenna
 from radalt.core.returns.terrain.ground import reflectivity
+from radalt.core.tracker.summed_detector import CounterDetector, SummedDetector
+from radalt.core.tracker.tracker_settings import Status
 
 SWEEP = IfWaveform(bandwidth_hz=150e6, sweep_s=7e-3, rate_hz=1.536e6, pass_hz=0.5e6)
 FT = 0.3048

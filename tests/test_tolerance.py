@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from radalt.core.deramp.profile import STANDINGS, load_profile, profile_names
+from radalt.core.deramp.profile import PROVENANCES, load_profile, profile_names
 from radalt.core.parsing import InputError
-from radalt.core.receiver.tracker_settings import Status
+from radalt.core.tracker.tracker_settings import Status
 from radalt.studies.tolerance.command import main
 from radalt.studies.tolerance.criteria import HIGHEST_DBM, LOWEST_DBM, break_level, judged
 from radalt.studies.tolerance.interferers import INTERFERERS, MECHANISMS, NOT_ALONE, locked_m
@@ -41,8 +41,8 @@ def test_every_number_of_a_profile_has_a_source_and_a_standing(name):
     )
     profile = load_profile(name)
     assert profile.name == name
-    for level, source in profile.standing.values():
-        assert level in STANDINGS
+    for level, source in profile.provenance.values():
+        assert level in PROVENANCES
         assert len(source) > 4
         for body in ("RTCA", "ARINC", "ITU"):  # never quoted as read there
             assert body not in source or level != "read in source"
@@ -51,7 +51,7 @@ def test_every_number_of_a_profile_has_a_source_and_a_standing(name):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("  gain_dbi: 10", "expected \\[value, standing, source\\]"),
+        ("  gain_dbi: 10", "expected \\[value, provenance, source\\]"),
         ("  gain_dbi: [10, guessed, me]", "allowed: read in source, secondary, assumed"),
         ("  gain_dbi: [10, secondary, nobody]", "sources has mathworks"),
         ("  gain_dbi: [99, assumed, me]", "gain_dbi is 99; it has to be within -20..40"),
@@ -309,7 +309,7 @@ def test_the_tracker_takes_the_same_frames():
 
 
 def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_return_says(
-    tmp_path, measured_here
+    tmp_path, measured_here, undrawn
 ):
     """One law: some 30 dB/MHz over the return at any altitude (a linear receiver: -17, -29, -44, -57 dBm/MHz)."""
     out = tmp_path / "run"
@@ -327,12 +327,12 @@ def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_ret
     assert "95 %" not in page  # of one seed
     assert "secondary" in page
     assert "Margin to 14 CFR 91.220(b) Table 1" in page
-    assert (out / "tolerance.svg").stat().st_size > 1000
+    assert (out / "tolerance.svg").is_file()
 
 
-def test_a_decomposition_says_what_each_mechanism_costs(tmp_path, measured_here):
+def test_a_decomposition_says_what_each_mechanism_costs(tmp_path, measured_here, undrawn):
     out = tmp_path / "run"
-    options = "--profile poor --interferers nr100_3930 --altitudes-ft 1000,2500 --outputs 20 --jobs 1"
+    options = "--profile poor --interferers nr100_3930 --altitudes-ft 1000 --outputs 20 --jobs 1"
     assert main([*options.split(), "--decompose", "--out", str(out)]) == 0
     page = (out / "report.md").read_text()
     lines = [line.split("|") for line in page.splitlines() if ", none | " in line]

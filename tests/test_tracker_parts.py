@@ -6,17 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.deleter import Deleter
-from radalt.core.receiver.gate import Gate
-from radalt.core.receiver.initiator import Initiator
-from radalt.core.receiver.integrator import Integrator
-from radalt.core.receiver.scan import Scan
-from radalt.core.receiver.summed_block import Block, Measurement
-from radalt.core.receiver.track import Evidence, Kalman, Track
-from radalt.core.receiver.track_integrity import Integrity
-from radalt.core.receiver.tracker_settings import TrackerSettings
-from radalt.core.receiver.updater import Updater
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
+from radalt.core.tracker.deleter import Deleter
+from radalt.core.tracker.gate import Gate
+from radalt.core.tracker.initiator import Initiator
+from radalt.core.tracker.integrator import Integrator
+from radalt.core.tracker.scan import Scan
+from radalt.core.tracker.summed_block import Block, Measurement
+from radalt.core.tracker.track import Evidence, Kalman, Track
+from radalt.core.tracker.track_integrity import Integrity
+from radalt.core.tracker.tracker_settings import TrackerSettings
+from radalt.core.tracker.updater import Updater
 from radalt.core.waveform import Waveform
 
 W = Waveform()

@@ -18,9 +18,11 @@ FRAME = ROOT / "python" / "radalt" / "evaluation" / "results"
 
 PAGE = """{% extends "page.html.j2" %}{% block title %}{{ name }}{% endblock %}{% block body %}
 <h1>{{ name }}</h1>
-<p>{{ rows | length }} rows, <a href="{{ name }}.csv">as CSV</a>. A click on a heading sorts.</p>
+<p><a href="../index.html">Home</a>. {{ rows | length }} rows, <a href="{{ name }}.csv">as CSV</a>. A click on a heading
+sorts; the pointer on it says what the column holds (<a href="../columns.html">all columns</a>).</p>
 <div class="wide"><table>
-<thead><tr>{% for head in heads %}<th><button>{{ head }}</button></th>{% endfor %}</tr></thead>
+<thead><tr>{% for head in heads %}<th><button title="{{ meaning[head] }}">{{ head }}</button></th>
+{% endfor %}</tr></thead>
 <tbody>{% for row in rows %}<tr>{% for value in row %}<td data-value="{{ value }}">{{ value }}</td>{% endfor %}</tr>
 {% endfor %}</tbody></table></div>{% endblock %}"""
 
@@ -29,8 +31,12 @@ def table_page(path: Path) -> str:
     """Page of a CSV file as HTML."""
     with path.open(newline="", encoding="utf-8") as file:
         heads, *rows = csv.reader(file)
+    lines = re.findall(
+        r"^\| (.*) \| (.*) \|$", (DATA.parent / "columns.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    meaning = {name: text for names, text in lines for name in re.findall(r"`([\w.]+)`", names)}
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(FRAME), autoescape=True)
-    return environment.from_string(PAGE).render(name=path.stem, heads=heads, rows=rows)
+    return environment.from_string(PAGE).render(name=path.stem, heads=heads, rows=rows, meaning=meaning)
 
 
 def on_page_content(html: str, **_: object) -> str:

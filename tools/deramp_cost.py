@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "python"))
 
 from test_deramp import EMITTERS, FULL, SWEEP, agreement, full_rate, full_rate_if
 
+from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.deramp.emitters import interference_if
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.returns.point import point_return
 
 _ALTITUDE_M, _SIR_DB, _SWEEPS = 300.0, -10.0, 5

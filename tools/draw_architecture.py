@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "python" / "radalt"
 FIGURE = ROOT / "docs" / "figures" / "architecture.svg"
 
-# In the order of the signal: a room imports only itself and rooms before it. The receiver stands before the methods,
+# In the order of the signal: a room imports only itself and rooms before it. The altimeter stands before the methods,
 # since two of them judge their own output by an altimeter, a function of one frame (docs/design.md).
 ROOMS = (
     "core",  # modules in core/ outside of its rooms
@@ -31,7 +31,9 @@ ROOMS = (
     "core.returns",
     "core.interference",
     "core.channel",
-    "core.receiver",
+    "core.altimeter",
+    "core.timing",
+    "core.tracker",
     "core.deramp",  # a deramping altimeter as data, with its detector
     "core.mitigation",
     "core.scene",
@@ -144,8 +146,11 @@ _NARROW = {
     "core.interference": 1,
     "core.channel": 1,
     "core.returns": 2,
-    "core.receiver": 2,
-    "core.mitigation": 2,
+    "core.altimeter": 1,
+    "core.timing": 2,
+    "core.tracker": 2,
+    "core.mitigation": 0,
+    "core.scene": 1,
     "core.deramp": 0,
 }
 _COLOURS = {

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from radalt.core.receiver.leakage_file import store_leakage
 from radalt.core.scene import Scene, load_scene, parse_scene, scene_to_mapping
+from radalt.core.timing.leakage_file import store_leakage
 from radalt.evaluation.engine.options import Parser, command, path
 from radalt.evaluation.radios.leakage_calibration import calibrate_leakage
 from radalt.evaluation.results.figure import new_figure

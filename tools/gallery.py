@@ -104,7 +104,7 @@ def draw(path: Path, seed: int) -> None:
         axis.set_xlabel("time / ms")
     figure.colorbar(image, ax=axes, label="power / dB", shrink=0.9, pad=0.01)
     figure.suptitle(
-        f"Two sweeps: return of 200 m (the triangle),\ninterference at SIR {SIR_DB:g} dB, overlap 0.6, typical EVM",
+        f"Two sweeps: return of 200 m (the triangle),\ninterference at SIR {SIR_DB:g} dB, overlap 0.6, half-limit EVM",
         fontsize=10,
     )
     figure.savefig(path, dpi=180, metadata={"Title": TITLE})

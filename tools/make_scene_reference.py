@@ -3,17 +3,20 @@
 
     .venv/bin/python tools/make_scene_reference.py
 
-Meanings are from the docstrings, units from the names, defaults from the fields. Ranges are from the reader's own
-messages about values that are far too large, far too small, or unknown words.
+Meanings are from the strings below the fields, units from the names, defaults from the fields. Ranges are from the
+reader's own messages about values that are far too large, far too small, or unknown words.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import dataclasses
 import inspect
+import itertools
 import re
 import sys
+import textwrap
 import types
 import typing
 from pathlib import Path
@@ -48,7 +51,7 @@ methods: [none, whitening, tcae]
 sweep: {overlap: [0.0, 0.5, 1.0]}
 ```
 
-    .venv/bin/python flowgraphs/ota_eval.py --sim --plan --scene my_case.yaml
+    .venv/bin/radalt eval --sim --plan --scene my_case.yaml
 
 prints what a run would build. A key, type or range that does not fit gets one line. YAML reads `1e6` as text, so write
 `1.0e+6`. *Range* is what the reader accepts; where it is empty, any number. Some keys limit each other; the
@@ -65,22 +68,13 @@ def unit(name: str) -> str:
 
 
 def meanings(kind: type) -> dict[str, str]:
-    """Field -> its paragraph in the numpy-style docstrings of a class and its bases."""
+    """Field -> the string below it, in a class and its bases."""
     out: dict[str, str] = {}
-    for one in reversed(inspect.getmro(kind)):
-        found = None
-        for line in inspect.cleandoc(one.__doc__ or "").splitlines():
-            head = re.fullmatch(r"(\w+(?:, \w+)*) : (.*)", line)
-            if head:
-                found = head[1].split(", ")
-                kind_alone = re.match(
-                    r"(float|int|bool|str|tuple|dict|sequence|mapping)\b|[A-Z]\w+( or None)?$", head[2]
-                )
-                out |= dict.fromkeys(found, "" if kind_alone else head[2])
-            elif found and line.startswith("    "):
-                out |= {name: f"{out[name]} {line.strip()}".strip() for name in found}
-            elif line.strip():
-                found = None
+    for one in reversed(inspect.getmro(kind)[:-1]):
+        body = ast.parse(textwrap.dedent(inspect.getsource(one))).body[0].body
+        for field, text in itertools.pairwise(body):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                out[field.target.id] = " ".join(ast.literal_eval(text.value).split())
     return {name: re.sub(r"``?", "`", text).replace("|", "\\|") for name, text in out.items()}
 
 
@@ -155,17 +149,11 @@ def allowed(path: tuple[str, ...], hint: object) -> str:
     return "; ".join(own).replace("|", "\\|")
 
 
-def comments(kind: type) -> dict[str, str]:
-    """Field -> its comment in the source."""
-    text = "\n".join(inspect.getsource(one) for one in reversed(inspect.getmro(kind)) if one is not object)
-    return dict(re.findall(r"^    (\w+): [^#\n]+# (.+)$", text, re.MULTILINE))
-
-
 def rows(
     kind: type, path: tuple[str, ...], leave: frozenset[str] = frozenset(), within: str = ""
 ) -> list[str]:
     """Lines of a table; nested settings have lines with dotted keys."""
-    hints, texts, out = typing.get_type_hints(kind), comments(kind) | meanings(kind), []
+    hints, texts, out = typing.get_type_hints(kind), meanings(kind), []
     for field in dataclasses.fields(kind):
         if field.name in leave or not field.init:
             continue

@@ -166,7 +166,7 @@ def standard_results() -> str:
         lines.append([case, *breaks, f"{held(by['none']):.1f}", f"{held(by['tcae']):.1f}", wrong])
     head = ["interferer, full overlap", "break-point of none / dB", "of this", "held by none / dB", "by this"]
     return (
-        "Point returns at SNR 10 dB, 7.5 MHz in 1 ms, emitters with typical EVM that go on, frames that nothing was\n"
+        "Point returns at SNR 10 dB, 7.5 MHz in 1 ms, emitters with half-limit EVM, frames that nothing was\n"
         "developed on: `radalt bench standard --methods none,tcae` (rows in `bench/rows`). Wrong and valid: share of\n"
         "frames declared and 5 m off or more, over all SIRs measured.\n\n"
         + table([*head, "wrong and valid (95 % bound)"], lines)

@@ -15,16 +15,16 @@ import numpy as np
 from curves import draw as draw_curves
 from matplotlib import pyplot as plt
 
+from radalt.core.altimeter.altimeter import AltimeterSettings, shared_altimeter
 from radalt.core.interference import Interferer, QpskEmitter, interference_frame
 from radalt.core.mitigation import create
-from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import options
 
 ROOT = Path(__file__).resolve().parent.parent
 ALTITUDE_M = 300.0
-NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "compact": "tcae.onnx"}
+NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "tcae": "tcae.onnx"}
 
 
 def draw_beats(path: Path) -> None:

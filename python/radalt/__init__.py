@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from . import evaluation as evaluation
     from . import studies as studies
     from .api import Names, Report, evaluate, method, simulate
+    from .core.altimeter.altimeter import Altimeter, AltimeterSettings
     from .core.mitigation import Mitigation
-    from .core.receiver.altimeter import Altimeter, AltimeterSettings
-    from .core.receiver.auxiliary_cancel import AuxiliaryCancel
-    from .core.receiver.tracker import AltitudeTracker, TrackerSettings
     from .core.scene import Scene, load_scene
+    from .core.timing.auxiliary_cancel import AuxiliaryCancel
+    from .core.tracker.tracker import AltitudeTracker, TrackerSettings
     from .core.waveform import Waveform
 
     methods: Names
@@ -38,11 +38,11 @@ for _prefix in Path(__file__).resolve().parents:
         sys.path.append(str(_prefix / _FOLDER))
 
 _HOMES = {
-    "Altimeter": "core.receiver.altimeter",
-    "AltimeterSettings": "core.receiver.altimeter",
-    "AltitudeTracker": "core.receiver.tracker",
-    "TrackerSettings": "core.receiver.tracker",
-    "AuxiliaryCancel": "core.receiver.auxiliary_cancel",
+    "Altimeter": "core.altimeter.altimeter",
+    "AltimeterSettings": "core.altimeter.altimeter",
+    "AltitudeTracker": "core.tracker.tracker",
+    "TrackerSettings": "core.tracker.tracker",
+    "AuxiliaryCancel": "core.timing.auxiliary_cancel",
     "Mitigation": "core.mitigation",
     "Report": "api",
     "Scene": "core.scene",

@@ -12,22 +12,22 @@ Nothing here needs GNU Radio.
 """
 
 import dataclasses
-import functools
 import json
-import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .core.channel.settings import DropSettings
+from .core.interrupts import stops_in_one_line
 from .core.mitigation import CUSTOM, METHODS, Mitigation, MitigationError, create
 from .core.mitigation.function import MethodLike, as_methods
-from .core.parsing import did_you_mean
+from .core.parsing import convert, did_you_mean, shown
 from .core.paths import scene_names
-from .core.scene import Scene, SceneError, load_scene, parse_scene
+from .core.scene import Scene, SceneError, load_scene, parse_scene, scene_from_parameters
 from .core.usual_errors import usual_errors
 from .core.waveform import Waveform
 
@@ -100,7 +100,8 @@ def method(name: MethodLike, waveform: Waveform, **options: Any) -> Mitigation:
         return create(known, waveform, **options)
 
 
-@usual_errors
+@stops_in_one_line()
+@usual_errors()
 def simulate(
     scene: SceneLike = "paper_qpsk",
     *,
@@ -114,14 +115,14 @@ def simulate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Received frames of a scene, aligned with the sweep, and the altitudes that they were made for.
 
-    Sources, interference and channel are those of the flowgraphs. Timing is known: samples are neither lost nor late by
-    a fraction, so `Altimeter.process` needs no timing offset. `evaluate` has the segmenter as well.
+    Sources, interference and channel are those of the flowgraphs. Timing is known: samples are neither lost nor late
+    by a fraction, so `Altimeter.process` needs no timing offset. `evaluate` has the segmenter as well.
 
     Parameters
     ----------
     scene : str, Path, dict or Scene
-        One of `radalt.scenes`, a YAML file, its content, or `load_scene`'s result: in a loop the latter, since reading
-        a file takes longer than making a frame.
+        One of `radalt.scenes`, a YAML file, its content, or `load_scene`'s result: in a loop the latter, since
+        reading a file takes longer than making a frame.
     sir_db, overlap, snr_db : float, optional
         Signal to all interference over the whole frame, active fraction of the frame (0..1), signal to noise; default
         the scene's.
@@ -155,11 +156,14 @@ def simulate(
     from .evaluation.simulation import both_received
 
     chosen = _scene(scene)
-    chosen = changed(
-        chosen, altitudes_m=_numbers(altitude_m), frames=_per_altitude(chosen, altitude_m, frames), seed=seed
-    )
+    level = _numbers(float, overlap=overlap, sir_db=sir_db, snr_db=snr_db)
+    frames, seed = _numbers(int, frames=frames, seed=seed).values()
+    (flown,) = _numbers(tuple[float, ...], altitude_m=altitude_m).values()
+    chosen = changed(chosen, altitudes_m=flown, frames=_per_altitude(chosen, flown, frames), seed=seed)
+    snr_db = level.pop("snr_db")
+    chosen = scene_from_parameters(chosen, **level)
     try:
-        chosen = chosen.at(overlap=overlap, sir_db=sir_db, snr_db=snr_db)
+        chosen = chosen.at(snr_db=snr_db)
         # a latency of one frame: what comes in with frame k is sweep k - 1, to the sample
         n = chosen.waveform.samples_per_frame
         channel = dataclasses.replace(chosen.channel, start_offset_samples=float(n), drops=DropSettings())
@@ -187,19 +191,21 @@ def _scene(scene: SceneLike) -> Scene:
     return scene if isinstance(scene, Scene) else load_scene(scene)
 
 
-def _numbers(values: Numbers) -> tuple[float, ...] | None:
-    if values is None:
-        return None
-    return tuple(float(v) for v in values) if isinstance(values, Iterable) else (float(values),)
+def _numbers(kind: Any, **given: Any) -> dict[str, Any]:
+    """Arguments by name as numbers of a kind, or None; raises SceneError, one line."""
+    try:
+        return {name: convert(kind | None, value, name) for name, value in given.items()}
+    except ValueError as error:
+        raise SceneError(str(error)) from None
 
 
-def _per_altitude(scene: Scene, altitudes_m: Numbers, frames: int | None) -> int | None:
+def _per_altitude(scene: Scene, altitudes_m: tuple[float, ...] | None, frames: int | None) -> int | None:
     """Frames at each altitude, for so many in all."""
     if frames is None:
         return None
     if frames < 1:
         raise SceneError(f"frames is {frames}; it has to be at least 1")
-    count = len(_numbers(altitudes_m) or scene.altitude.programme_m)
+    count = len(altitudes_m or scene.altitude.programme_m)
     if scene.return_model == "terrain":
         if frames > count:
             raise SceneError(f"frames is {frames}, and the landing has {count}; set altitude.landing_frames")
@@ -207,7 +213,8 @@ def _per_altitude(scene: Scene, altitudes_m: Numbers, frames: int | None) -> int
     return -(-frames // count)
 
 
-@usual_errors
+@stops_in_one_line()
+@usual_errors()
 def evaluate(
     scene: SceneLike = "paper_qpsk",
     methods: MethodLike | Sequence[MethodLike] | None = None,
@@ -256,7 +263,7 @@ def evaluate(
     SceneError, MitigationError, FolderError, WorkerError
         For what does not fit, one line; the rows so far are kept in ``out``.
     KeyboardInterrupt
-        At Ctrl-C, one line: how many points are kept.
+        At Ctrl-C, one line: how many points are kept. (While ``radalt.evaluate`` itself is imported, a traceback.)
     """
     from .evaluation.engine.command import Bar
     from .evaluation.engine.options import Options
@@ -267,8 +274,13 @@ def evaluate(
     from .evaluation.results.folder import FolderError, plain_json
 
     chosen = _scene(scene)
-    if methods is not None and (isinstance(methods, str) or callable(methods)):
+    if methods is not None and (isinstance(methods, str) or not isinstance(methods, Iterable)):
         methods = [methods]
+    axes = _numbers(tuple[float, ...], overlap=overlap, sir_db=sir_db, snr_db=snr_db, altitude_m=altitude_m)
+    flown = axes.pop("altitude_m")
+    frames, seed, jobs = _numbers(int, frames=frames, seed=seed, jobs=jobs).values()
+    if not isinstance(out, (str, Path, NoneType)):
+        raise FolderError(f"out is {shown(out)}; name a folder")
     if resume and out is None:
         raise FolderError("resume needs out, the folder of the run to complete")
     if jobs > 1 and any(not isinstance(m, str) for m in methods or ()):
@@ -277,16 +289,8 @@ def evaluate(
             f"method {CUSTOM!r} with method_options {{{CUSTOM}: {{file: mine.py}}}}"
         )
     with as_methods(chosen.methods if methods is None else methods) as names:
-        chosen = changed(
-            chosen,
-            overlap=_numbers(overlap),
-            sir_db=_numbers(sir_db),
-            snr_db=_numbers(snr_db),
-            altitudes_m=_numbers(altitude_m),
-            frames=_per_altitude(chosen, altitude_m, frames),
-            seed=seed,
-            methods=names,
-        )
+        each = _per_altitude(chosen, flown, frames)
+        chosen = changed(chosen, **axes, altitudes_m=flown, frames=each, seed=seed, methods=names)
         study = OverlapStudy(chosen, flowgraph=False)
         study.check()
         bar, workers = Bar(describe_rows, quiet=not progress), jobs if jobs > 1 else 0
@@ -297,27 +301,13 @@ def evaluate(
                 return Report(None, json.loads(json.dumps(plain_json(content))))
             run(study, Options(out=Path(out), resume=resume, jobs=workers), bar)
         except KeyboardInterrupt:
-            line = "stopped"
-            if out is not None and bar.last is not None:
-                kept = f"{bar.last.done} of {bar.last.total} points are kept"
-                line += f"; {kept}, go on with resume=True and out={str(out)!r}"
-            sys.excepthook = functools.partial(_one_line, sys.excepthook)
-            raise _Stopped(line) from None
+            if out is None or bar.last is None:
+                raise
+            kept = f"{bar.last.done} of {bar.last.total} points are kept"
+            raise KeyboardInterrupt(f"stopped; {kept}, go on with resume=True and out={str(out)!r}") from None
         finally:
             bar.close()
     return Report.read(out)
-
-
-class _Stopped(KeyboardInterrupt):
-    """Ctrl-C during `evaluate`."""
-
-
-def _one_line(before: Callable[..., None], kind: type, error: BaseException, trace: Any) -> None:
-    """`sys.excepthook` that prints `_Stopped` without its traceback."""
-    if isinstance(error, _Stopped):
-        print(error, file=sys.stderr)
-    else:
-        before(kind, error, trace)
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,8 @@ def stored_rows(name: str) -> Path:
 def check_rows(mine: Sequence[Row], stored: Sequence[Row]) -> tuple[int, int]:
     """(frames that ``none`` judges unlike the stored rows, frames compared).
 
-    Raises
-    ------
-    InputError
-        If the rows are of another list, another seed, or ``none`` is missing or differs in more than 1 % of the frames.
+    Raises `InputError` if the rows are of another list, another seed, or ``none`` is missing or differs in more than
+    1 % of the frames.
     """
     digests = [{row["digest"] for row in rows} for rows in (mine, stored)]
     if digests[0] != digests[1] or len(digests[0]) != 1:

@@ -22,33 +22,36 @@ PROGRAM, COMMAND = "bench", "bench"
 def _arguments(parser: Parser) -> None:
     add = parser.add_argument
     add("list", help="a shipped list (bench/*.yaml), or a YAML file of cases")
-    add(
+    parser.option(
         "--methods",
-        dest="entries",
+        "shipped methods, entries of the list and yours, with commas (default: the list's; none, and yours)",
         default="",
-        help="shipped methods, entries of the list and yours, with commas (default: the list's; none, and yours)",
+        dest="entries",
     )
     add_own(parser)
-    add("--cases", default="", help="these cases alone, with commas")
-    add("--frames", type=number(int, 1, 100_000), help="per level, in place of the list's")
-    add(
-        "--against",
-        type=path,
-        metavar="ROWS.csv",
-        help="stored rows to compare with (default: the list's, if shipped)",
+    parser.option(
+        "--via",
+        "through GNU Radio's flowgraph: the same rows to the bit, in more time (default: direct)",
+        default="direct",
+        choices=("direct", "flowgraph"),
     )
-    add(
-        "--confirm",
-        action="store_true",
-        help="draw every seed from the list and your files; runs the best shipped, too",
+    parser.option("--cases", "these cases alone, with commas", default="")
+    parser.option("--frames", "per level, in place of the list's", number(int, 1, 100_000))
+    parser.option(
+        "--against", "stored rows to compare with (default: the list's, if shipped)", path, metavar="ROWS.csv"
     )
-    add("--plan", action="store_true", help="print the cases and their levels, and run nothing")
+    parser.flag("--confirm", "draw every seed from the list and your files; runs the best shipped, too")
+    parser.flag("--stored", "the report of the stored rows; measures nothing")
+    parser.flag("--plan", "print the cases and their levels, and run nothing")
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     from ..core.mitigation import METHODS
+    from ..core.parsing import allowed
+    from .board import stored_rows
     from .entry import Entry
     from .lists import find_list, load_list
+    from .rows import read_rows
     from .study import BenchStudy
 
     own = own_methods(args)
@@ -56,6 +59,26 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     salt = _salt(args.list, own) if args.confirm else ""
     cases = load_list(args.list, frames=args.frames, only=only, salt=salt)
     listed = {name: Entry.of(name, keys, f"{args.list}: entries") for name, keys in cases.entries.items()}
+    if own and set(own) & set(listed):
+        parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
+    names = [name.strip() for name in args.entries.split(",") if name.strip()]
+    if args.stored and (own or args.confirm):
+        parser.error("--stored measures nothing; leave it out, or your own methods and --confirm")
+    if args.stored or (own and not args.confirm):  # before anything is measured
+        args.against = args.against or stored_rows(cases.name)
+        rows = read_rows(args.against)
+        if {row["digest"] for row in rows} != {cases.digest}:
+            parser.error(
+                f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
+            )
+        names = names or [row["entry"] for row in rows if args.stored]
+    names = names or (["none", *own] if own or not listed else list(listed))
+    if args.confirm:
+        names = list(dict.fromkeys(["none", *names, *CONFIRM]))
+    known = list(dict.fromkeys([*METHODS, *listed, *own]))
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        parser.error(f"--methods names {unknown[0]!r}; {allowed(unknown[0], known)}")
     if args.plan:
         for case in cases.cases:
             levels = case.levels_db
@@ -69,28 +92,13 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
                 f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
             )
         return 0
-    if own and set(own) & set(listed):
-        parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
-    names = [name.strip() for name in args.entries.split(",") if name.strip()]
-    names = names or (["none", *own] if own or not listed else list(listed))
-    if args.confirm:
-        names = list(dict.fromkeys(["none", *names, *CONFIRM]))
-    known = list(dict.fromkeys([*METHODS, *listed, *own]))
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        parser.error(f"--methods names {unknown[0]!r}; there are {', '.join(known)}")
     args.own = tuple(own)
-    if own and not args.confirm:  # before anything is measured
-        from .board import stored_rows
-        from .rows import read_rows
-
-        args.against = args.against or stored_rows(cases.name)
-        if {row["digest"] for row in read_rows(args.against)} != {cases.digest}:
-            parser.error(
-                f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
-            )
-    entries = tuple(listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items())) for name in names)
-    return BenchStudy(find_list(args.list), entries, args.frames, only, salt)
+    entries = tuple(
+        listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items()))
+        for name in dict.fromkeys(names)
+    )
+    stored = args.against if args.stored else None
+    return BenchStudy(find_list(args.list), entries, args.frames, only, salt, args.via, stored)
 
 
 # Shipped methods that a confirmation runs again: each leads under some interferer (docs/methods.md)

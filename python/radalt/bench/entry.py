@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
+from ..core.altimeter.altimeter import AltimeterSettings
 from ..core.mitigation import METHODS, Mitigation, create, name_method
 from ..core.parsing import InputError, build, shown
 from ..core.paths import model_path
-from ..core.receiver.altimeter import AltimeterSettings
 from ..core.scene import Scene
 from ..core.waveform import Waveform
+from ..evaluation.results.score import trials_of
 from ..evaluation.simulation import MethodPath
 from .frames import Frames
 from .textbook import textbook_results
@@ -27,24 +28,14 @@ _Pairs = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True)
 class Entry:
-    """A method under the name that rows have for it.
-
-    Attributes
-    ----------
-    name, method : str
-    options : pairs
-        Of the method.
-    altimeter : pairs
-        Settings of the altimeter that differ from the case's.
-    detector : str
-        ``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty.
-    """
+    """A method under the name that rows have for it."""
 
     name: str
     method: str
-    options: _Pairs = ()
-    altimeter: _Pairs = ()
+    options: _Pairs = ()  # of the method
+    altimeter: _Pairs = ()  # settings of the altimeter that differ from the case's
     detector: str = ""
+    """``"textbook"`` for the reference altimeter (`textbook`), which shares no code with ours; else empty."""
 
     @classmethod
     def of(cls, name: str, keys: Mapping[str, Any], where: str) -> "Entry":
@@ -118,6 +109,29 @@ def run(entry: Entry, frames: Frames) -> Outcome:
     )  # a reference has no cost to compare
     ms, unit = np.median(list(costs(path, some)) or [(np.nan, 1.0)], axis=0)
     return Outcome(results[frames.trial], diverged, float(ms), float(ms / unit))
+
+
+def flowgraph_of(entry: Entry, scene: Scene, folder: Path) -> Callable[[Scene], np.ndarray]:
+    """The generated flowgraph of an entry: from a level's scene to (trials,) altimeter's results.
+
+    Raises InputError for the textbook's altimeter, which is no block.
+    """
+    from ..evaluation.flowgraph.generate import prepare
+    from ..evaluation.flowgraph.run import run_point
+
+    if entry.detector:
+        raise InputError(
+            f"{entry.name}: the textbook's altimeter is no block; leave it out of --methods, or run it --via direct"
+        )
+    prepared = prepare(scene, (entry.method,), folder)
+
+    def played(scene: Scene) -> np.ndarray:
+        options = {**scene.method_options, entry.method: dict(entry.options)}
+        altimeter = dataclasses.replace(scene.altimeter, **dict(entry.altimeter))
+        own = dataclasses.replace(scene, methods=(entry.method,), method_options=options, altimeter=altimeter)
+        return trials_of(run_point(prepared, own).results[entry.method], own.altitude.programme)[0]
+
+    return played
 
 
 def costs(path: MethodPath, frames: np.ndarray) -> Iterator[tuple[float, float]]:

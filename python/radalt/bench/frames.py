@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.receiver.frame_quality import FrameQuality
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
 from ..evaluation.simulation import segmented
@@ -14,32 +14,18 @@ from .lists import Case
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Aligned frames of a case at a level: the preamble, which methods see as in the flowgraph, and the trials.
-
-    Attributes
-    ----------
-    scene : Scene
-    samples : (n, N) complex64
-    quality : (n,) of QUALITY_DTYPE
-    index : (n,) int
-        Frame numbers.
-    offset_s : (n,) float
-        Timing that the segmenter found.
-    trial : (n,) bool
-    truth_m : (trials,) float
-        Altitudes of the trials; infinite without a return, where none is right.
-    lost : int
-        Trials that the segmenter did not give.
-    """
+    """Aligned frames of a case at a level: the preamble, which methods see as in the flowgraph, and the trials."""
 
     scene: Scene
-    samples: np.ndarray
-    quality: np.ndarray
-    index: np.ndarray
-    offset_s: np.ndarray
-    trial: np.ndarray
-    truth_m: np.ndarray
-    lost: int
+    samples: np.ndarray  # (n, N) complex64
+    quality: np.ndarray  # (n,) of QUALITY_DTYPE
+    index: np.ndarray  # (n,) int: frame numbers
+    offset_s: np.ndarray  # (n,) float: timing that the segmenter found
+    trial: np.ndarray  # (n,) bool
+    truth_m: (
+        np.ndarray
+    )  # (trials,) float: altitudes of the trials; infinite without a return, where none is right
+    lost: int  # trials that the segmenter did not give
 
 
 @lru_cache(maxsize=2)  # the entries of a level take the same frames, 60 KB each

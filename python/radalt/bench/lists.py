@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..core.parsing import build, convert, load_yaml, plain, shown, whole
 from ..core.paths import share_dir
 from ..core.scene import Scene, parse_scene
+from ..evaluation.overlap.points import parse_axis
 
 _LIST_KEYS = ("list", "title", "seed", "base", "grid", "overlap", "entries", "turns", "cases", "extends")
 _AXES = ("sir_db", "sinr_db", "inr_db", "snr_db")  # of a grid, one of them
@@ -22,24 +21,17 @@ _AXES = ("sir_db", "sinr_db", "inr_db", "snr_db")  # of a grid, one of them
 class Grid:
     """Levels of a case from high to low on one axis, and when an entry is not run further.
 
-    Parameters
-    ----------
-    sir_db, sinr_db, inr_db, snr_db : tuple of float or str
-        Levels in decibels, or ``first:last:step``, such as ``0:-62.5:-2.5``: of the return over the interference, or
-        over interference and noise, of the interference over the noise, of the return over the noise. Default:
-        ``sir_db`` as in the example.
-    stop_below_pd : float
-        Pd below which a level counts as failed, 0..1; 0 runs every level.
-    stop_after : int
-        Failed levels in a row after which an entry is not run at lower ones.
+    - ``sir_db``, ``sinr_db``, ``inr_db``, ``snr_db``: levels in decibels, or ``first:last:step``, such as
+      ``0:-62.5:-2.5``: of the return over the interference, or over interference and noise, of the interference over
+      the noise, of the return over the noise. Default: ``sir_db`` as in the example.
     """
 
     sir_db: tuple[float, ...] | str | None = None
     sinr_db: tuple[float, ...] | str | None = None
     inr_db: tuple[float, ...] | str | None = None
     snr_db: tuple[float, ...] | str | None = None
-    stop_below_pd: float = 0.3
-    stop_after: int = 2
+    stop_below_pd: float = 0.3  # Pd below which a level counts as failed, 0..1; 0 runs every level
+    stop_after: int = 2  # failed levels in a row after which an entry is not run at lower ones
 
     @property
     def axis(self) -> str:
@@ -53,18 +45,9 @@ class Grid:
     def levels_db(self) -> tuple[float, ...]:
         """Levels in decibels, highest first; raises ValueError, one line."""
         levels = getattr(self, self.axis) or "0:-62.5:-2.5"
-        if not isinstance(levels, str):
-            return tuple(sorted(levels, reverse=True))
-        try:
-            first, last, step = (float(part) for part in levels.split(":"))
-            count = int(np.floor((last - first) / step + 1e-9)) + 1
-            if not (step < 0 < count <= 1000):
-                raise ValueError
-        except (ValueError, ZeroDivisionError):
-            raise ValueError(
-                f"grid.{self.axis} is {shown(levels)}; give levels, or first:last:step with a falling step"
-            ) from None
-        return tuple((first + step * np.arange(count)).tolist())
+        if isinstance(levels, str):
+            levels = parse_axis(levels, f"grid.{self.axis}")
+        return tuple(sorted(levels, reverse=True))
 
     def powers_db(self, level_db: float, snr_db: float | None) -> dict[str, float]:
         """SIR or SNR of a level, as `Scene.at` takes them; raises ValueError, one line, where there is none."""
@@ -82,25 +65,15 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One scene under its name, at one overlap.
-
-    Attributes
-    ----------
-    name, title : str
-    overlap : float
-    scene : Scene
-        Without the level; `at` gives it.
-    grid : Grid
-    limit_m : float
-        Largest error of a right altitude: the paper's 5 m, or a quarter of the range cell where that is more.
-    """
+    """One scene under its name, at one overlap."""
 
     name: str
     title: str
     overlap: float
-    scene: Scene
+    scene: Scene  # without the level; `at` gives it
     grid: Grid
     limit_m: float
+    """Largest error of a right altitude: the paper's 5 m, or a quarter of the range cell where that is more."""
 
     @property
     def levels_db(self) -> tuple[float | None, ...]:
@@ -156,21 +129,9 @@ def load_list(
 ) -> CaseList:
     """Every case of a list at each of its overlaps.
 
-    Parameters
-    ----------
-    name : str or Path
-        Of a shipped list, or a YAML file.
-    frames : int or None
-        Frames of each level in place of the list's.
-    only : sequence of str
-        Names of cases; empty takes all.
-    salt : str
-        Changes every seed, for frames that nobody could have seen (``--confirm``).
-
-    Raises
-    ------
-    ValueError
-        One line: file, case, key, value and what is allowed.
+    ``name``: of a shipped list, or a YAML file; ``frames``: frames of each level in place of the list's; ``only``:
+    names of cases; empty takes all; ``salt``: changes every seed, for frames that nobody could have seen
+    (``--confirm``). Raises `ValueError`: file, case, key, value and what is allowed.
     """
     path = find_list(name)
     data = _extended(path)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..core.receiver.altimeter import shared_altimeter
+from ..core.altimeter.altimeter import shared_altimeter
 from ..evaluation.results.page import write_result
 from .views.breaks import break_points
 from .views.cost import draw_held, summaries, summary_table, turns_table

@@ -52,14 +52,14 @@ def row_of(names: tuple[str, str], case: Case, entry: Entry, frames: Frames, out
     )
 
 
-def read_rows(path: Path) -> list[Row]:
+def read_rows(path: Path, columns: Columns = COLUMNS) -> list[Row]:
     """Rows of a CSV file. Raises InputError, one line, where it has other columns."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.DictReader(file)
-            if tuple(reader.fieldnames or ()) != COLUMNS.names:
+            if tuple(reader.fieldnames or ()) != columns.names:
                 raise InputError(f"{path}: no rows of the bench; make them with radalt bench LIST")
-            return [COLUMNS.row({k: v if v != "" else None for k, v in row.items()}) for row in reader]
+            return [columns.row({k: v if v != "" else None for k, v in row.items()}) for row in reader]
     except (UnicodeDecodeError, ValueError) as error:
         if isinstance(error, InputError):
             raise

@@ -1,14 +1,14 @@
 """A textbook altimeter: the peak of the sum of both half sweeps' power spectra over speed hypotheses.
 
-Whole-signal NumPy that shares no code with `core.receiver`: dechirping at the full rate, zero-padded FFT, largest sum,
+Whole-signal NumPy that shares no code with `core.altimeter`: dechirping at the full rate, zero-padded FFT, largest sum,
 parabolic interpolation. A forced decision is the largest sum; a cell-averaging CFAR declares it by its ratio to the
 mean of the band.
 """
 
 import numpy as np
 
-from ..core.receiver.altimeter import AltimeterSettings
-from ..core.receiver.altimeter_settings import RESULT_DTYPE, Reason
+from ..core.altimeter.altimeter import AltimeterSettings
+from ..core.altimeter.altimeter_settings import RESULT_DTYPE, Reason
 from ..core.waveform import Waveform
 
 # Peak over mean of the band at which it has as many false alarms in white noise as our altimeter by design, by allowed
@@ -31,18 +31,9 @@ def textbook_altitudes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Altitude of each frame, and the peak of the sum over the mean of the band.
 
-    Parameters
-    ----------
-    frames : (n, N) complex
-        One sweep each, up from ``-bandwidth_hz / 2`` and down, aligned with the reference.
-    bandwidth_hz, rate_hz, carrier_hz : float
-    speed_m_per_s : float
-        Largest vertical speed among the hypotheses, up and down.
-    max_altitude_m : float
-
-    Returns
-    -------
-    altitude_m, ratio : (n,) float arrays
+    ``frames`` (n, N) complex: one sweep each, up from ``-bandwidth_hz / 2`` and down, aligned with the reference;
+    ``speed_m_per_s``: largest vertical speed among the hypotheses, up and down. Returns ``altitude_m``, ``ratio``
+    (n,) float.
     """
     samples = frames.shape[1] // 2
     t = np.arange(samples) / rate_hz
@@ -83,10 +74,7 @@ def textbook_results(
 ) -> np.ndarray:
     """(n,) of `RESULT_DTYPE`: altitudes of frames whose timing is off by (n,) seconds, and whether they are declared.
 
-    Raises
-    ------
-    ValueError
-        For an allowed speed whose threshold is not known.
+    Raises `ValueError` for an allowed speed whose threshold is not known.
     """
     speed = settings.max_vertical_speed_m_per_s
     if speed not in THRESHOLD:

@@ -3,9 +3,9 @@
 import numpy as np
 import pmt
 
+from ..core.altimeter.frame_quality import QUALITY_DTYPE
 from ..core.programme import SentAltitudes
-from ..core.receiver.frame_quality import QUALITY_DTYPE
-from ..core.receiver.segmenter import Frame
+from ..core.timing.segmenter import Frame
 
 FRAME_KEY = pmt.intern("radalt_frame")
 RX_TIME_KEY = pmt.intern("rx_time")
@@ -117,8 +117,8 @@ _FEWEST = 32
 def gather_frames(block, samples: int, frames: int | None = None) -> None:  # noqa: ANN001
     """Make a block process up to ``frames`` frames per call, since a call costs as much as the work on a frame.
 
-    Later blocks receive the same batches. Over all blocks together, eight frames per call took 10 % less CPU than four,
-    and every doubling up to 64 another 5 %.
+    Later blocks receive the same batches. Over all blocks together, eight frames per call took 10 % less CPU than
+    four, and every doubling up to 64 another 5 %.
     """
     if frames is None:
         frames = max(_GATHER_WIDE, min(_GATHER, _RING_BYTES // (16 * samples)))

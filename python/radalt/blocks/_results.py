@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.receiver.altimeter import RESULT_DTYPE, Reason
+from ..core.altimeter.altimeter import RESULT_DTYPE, Reason
 
 
 class Ring:

@@ -12,11 +12,7 @@ _CHUNKS = 256  # length of the queue, chunks; a chunk is what one call of a bloc
 class BoundedWriter:
     """Writes complex64 chunks in a separate thread.
 
-    Parameters
-    ----------
-    path : Path
-    wait : bool
-        Whether `offer` blocks while the queue is full (simulation) or refuses the chunk (radio).
+    ``wait``: whether `offer` blocks while the queue is full (simulation) or refuses the chunk (radio).
     """
 
     def __init__(self, path: Path, *, wait: bool = False) -> None:

@@ -8,23 +8,13 @@ _LINGER_MS = 200  # longest wait at the end for peers that take what was sent, m
 class BoundSocket:
     """A bound PUB or REP socket, ``socket``, with its ``address``.
 
-    Parameters
-    ----------
-    kind : str
-        ``PUB`` or ``REP``.
-    name : str
-        Name of the endpoint in messages.
-    endpoint : str
-        ``tcp://ADDRESS:PORT`` (``*`` for any of either) or ``ipc://FILE``.
-    limit_bytes : int
-        Longest part of a message from a peer, and longest subscription; longer ones end the connection.
-    queued : int
-        Messages queued for a slow subscriber; more are dropped.
+    - ``kind``: ``PUB`` or ``REP``
+    - ``name``: name of the endpoint in messages
+    - ``endpoint``: ``tcp://ADDRESS:PORT`` (``*`` for any of either) or ``ipc://FILE``
+    - ``limit_bytes``: longest part of a message from a peer, and longest subscription; longer ones end the connection
+    - ``queued``: messages queued for a slow subscriber; more are dropped
 
-    Raises
-    ------
-    ValueError
-        One line, if the endpoint cannot be bound.
+    Raises `ValueError` if the endpoint cannot be bound.
     """
 
     def __init__(self, kind: str, name: str, endpoint: str, *, limit_bytes: int, queued: int = 1000) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.altimeter.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.radio.control import MAX_REQUEST_BYTES
 from ..core.radio.endpoint import check_endpoint
-from ..core.receiver.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.scene import Scene
 from ._frames import quality_of, read_frame_tags
 from ._guard import guarded
@@ -56,7 +56,6 @@ class altimeter_sink(gr.sync_block):
     ------
     ValueError
         If the endpoint is not a ZMQ address, is not on this machine, or is in use; the message is one line.
-
     Example
     -------
     ``alt = radalt.altimeter_sink(scene, method="whitening", endpoint="tcp://127.0.0.1:5556")``

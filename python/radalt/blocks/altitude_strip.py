@@ -13,9 +13,9 @@ from ._guard import guarded
 class altitude_strip(gr.decim_block):
     """The last ``points * every`` frames of the true altitude and of every input, for a vector sink.
 
-    Category: [RadAlt]/Displays. Ports: ``in0..: float`` (metres, one per frame, NaN for no detection)
-    ``> true: float vector of points``, ``out0..: float vector of points`` (newest last; ``OFF_CHART_M``, far below
-    every chart, where there is no altitude, since a vector sink never recovers from a NaN).
+    Category: [RadAlt]/Displays. Ports: ``in0..: float`` (metres, one per frame, NaN for no detection) ``> true: float
+    vector of points``, ``out0..: float vector of points`` (newest last; ``OFF_CHART_M``, far below every chart, where
+    there is no altitude, since a vector sink never recovers from a NaN).
 
     Parameters
     ----------
@@ -27,7 +27,6 @@ class altitude_strip(gr.decim_block):
         Values across the chart.
     every : int
         Frames between two values.
-
     Example
     -------
     ``strip = radalt.altitude_strip(altitude_m=300.0, inputs=2)``

@@ -3,9 +3,9 @@
 import numpy as np
 import pmt
 
-from ..core.receiver.altimeter import Spectra
-from ..core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, State, Status
+from ..core.altimeter.altimeter import Spectra
 from ..core.scene import Scene
+from ..core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, State, Status
 from ._guard import guarded
 from ._results import Ring
 from .altimeter_sink import altimeter_sink
@@ -20,12 +20,11 @@ class altitude_tracker(altimeter_sink):
     filter; ``protection level = 1 m + extent + k sigma + ambiguity``.
 
     Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N, received: complex vector of N`` (with
-    ``received``), ``timing: message`` (optional: the segmenter's ``status``; without lock there are no frames, and the
-    status becomes FAILURE at once)
-    ``> result: message, altitude: float`` (as in `altimeter_sink`), ``tracked: message`` (one dictionary per output:
-    version, method, frame_index, status, state, altitude_m, vertical_speed_m_per_s, protection_level_m, age_s,
-    strength, frames, timing_verified, line). Altitude, speed and protection level are NaN unless status is ``normal``;
-    ``line`` is the status as one line of text.
+    ``received``), ``timing: message`` (optional: the segmenter's ``status``; without lock there are no frames, and
+    the status becomes FAILURE at once) ``> result: message, altitude: float`` (as in `altimeter_sink`), ``tracked:
+    message`` (one dictionary per output: version, method, frame_index, status, state, altitude_m,
+    vertical_speed_m_per_s, protection_level_m, age_s, strength, frames, timing_verified, line). Altitude, speed and
+    protection level are NaN unless status is ``normal``; ``line`` is the status as one line of text.
 
     Parameters
     ----------
@@ -34,9 +33,8 @@ class altitude_tracker(altimeter_sink):
     method, endpoint, messages, capacity, stream, network
         As in `altimeter_sink`; ``messages`` concerns ``result`` only.
     received : bool
-        A second input for the frames before mitigation, from the segmenter. A return that is present only in them makes
-        the altitude doubtful: a method may remove the weaker of two returns as interference.
-
+        A second input for the frames before mitigation, from the segmenter. A return that is present only in them
+        makes the altitude doubtful: a method may remove the weaker of two returns as interference.
     Example
     -------
     ``tracker = radalt.altitude_tracker(scene, method="whitening")``

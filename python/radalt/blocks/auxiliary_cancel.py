@@ -4,7 +4,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..core.receiver.frame_quality import FrameQuality
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.scene import Scene
 from ..core.scene.build import canceller_of
 from ._frames import FRAME_KEY, frame_ring, read_frame_tags
@@ -16,14 +16,13 @@ class auxiliary_cancel(gr.sync_block):
 
     The tag ``radalt_frame`` of a changed frame has the quality of what is left.
 
-    Category: [RadAlt]/Mitigation. Ports: ``frames: complex vector of N``, ``auxiliary: complex vector of N``
-    ``> frames: complex vector of N``. Both inputs are the frame segmenter's, with ``auxiliary``.
+    Category: [RadAlt]/Mitigation. Ports: ``frames: complex vector of N``, ``auxiliary: complex vector of N`` ``>
+    frames: complex vector of N``. Both inputs are the frame segmenter's, with ``auxiliary``.
 
     Parameters
     ----------
     scene : Scene
         Waveform, and settings in ``auxiliary_cancel``.
-
     Example
     -------
     ``cancel = radalt.auxiliary_cancel(scene)``

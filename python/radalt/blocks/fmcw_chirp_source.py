@@ -32,7 +32,6 @@ class fmcw_chirp_source(gr.sync_block):
     ------
     ValueError
         If the altitude is out of range, or is set by hand in a scene whose altitudes are true delays.
-
     Example
     -------
     ``src = radalt.fmcw_chirp_source(load_scene("paper_qpsk"), altitude_m=200.0)``

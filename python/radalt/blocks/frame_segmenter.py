@@ -8,16 +8,16 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
-from ..core.receiver.auxiliary_samples import AuxiliarySamples
-from ..core.receiver.frame_quality import FrameQuality
-from ..core.receiver.leakage import ground_is_apart
-from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
-from ..core.receiver.tracker_settings import Status
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
+from ..core.timing.auxiliary_samples import AuxiliarySamples
+from ..core.timing.leakage import ground_is_apart
+from ..core.timing.segmenter import ACQUIRING, LOCKED, LOST, Frame
+from ..core.tracker.tracker_settings import Status
 from ..core.waveform import altitude_to_delay_s
 from ._frames import (
     FRAME_KEY,
@@ -57,37 +57,36 @@ _FAULTS = {
 class frame_segmenter(gr.basic_block):
     """Acquires the sweep's timing to a fraction of a sample, then coasts; see `FrameSegmenter`.
 
-    Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, residual delay in seconds,
-    true altitude in metres or NaN, and the fields of `QUALITY_DTYPE`). ``rx_time`` tags set the counter; an incomplete
+    Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, residual delay in seconds, true
+    altitude in metres or NaN, and the fields of `QUALITY_DTYPE`). ``rx_time`` tags set the counter; an incomplete
     frame is discarded and counted. A frame is released when the next one has confirmed the timing (1 ms). A loss of
     lock, or a second of signal without a sweep, writes one line with its remedy to GNU Radio's log.
 
-    With a leakage calibration in the scene the leakage is subtracted from every frame. Where a tracker's ``tracked`` is
-    connected, the calibration tracks slow changes, only in blocks in which the track holds the ground above 60 m.
+    With a leakage calibration in the scene the leakage is subtracted from every frame. Where a tracker's ``tracked``
+    is connected, the calibration tracks slow changes, only in blocks in which the track holds the ground above 60 m.
 
-    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``),
-    ``tracked: message`` (optional: `altitude_tracker`'s) ``> frames: complex vector of N``, ``status: message``
-    (dictionary of state, lock quality and counters). With ``auxiliary`` also ``auxiliary: complex > auxiliary: complex
-    vector of N``, cut at the same sample counters.
+    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``), ``tracked:
+    message`` (optional: `altitude_tracker`'s) ``> frames: complex vector of N``, ``status: message`` (dictionary of
+    state, lock quality and counters). With ``auxiliary`` also ``auxiliary: complex > auxiliary: complex vector of
+    N``, cut at the same sample counters.
 
     Parameters
     ----------
     scene : Scene
         Waveform, programme, segmenter settings.
     follow_programme : bool
-        True checks frames against the scene's programme, and against altitudes set by hand in the chirp source's stream
-        tags ``radalt_altitude``. The simulated channel passes these tags, radios do not: with radios, an altitude set
-        by hand needs `follow`, or False here. With False and no ``altimeter.max_altitude_m`` one line says where the
-        search ends.
+        True checks frames against the scene's programme, and against altitudes set by hand in the chirp source's
+        stream tags ``radalt_altitude``. The simulated channel passes these tags, radios do not: with radios, an
+        altitude set by hand needs `follow`, or False here. With False and no ``altimeter.max_altitude_m`` one line
+        says where the search ends.
     drop_when_slow : bool
-        Drop frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP never overflows. During a
-        delay up to 479 frames wait (0.48 s of the default sweep): 95 in the ring, 384 in this block. Frames that wait
-        here for a second, or exceed this number, are dropped, and for a second afterwards none wait here. At most 95
-        frames therefore wait for a method that is always too slow. Leave it off in simulation, where waiting loses
-        nothing.
+        Drop frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP never overflows. During
+        a delay up to 479 frames wait (0.48 s of the default sweep): 95 in the ring, 384 in this block. Frames that
+        wait here for a second, or exceed this number, are dropped, and for a second afterwards none wait here. At
+        most 95 frames therefore wait for a method that is always too slow. Leave it off in simulation, where waiting
+        loses nothing.
     auxiliary : bool
         Whether the ports of the second receive channel exist.
-
     Example
     -------
     ``seg = radalt.frame_segmenter(scene)``

@@ -27,7 +27,6 @@ class iq_recorder(gr.sync_block):
     drop_when_slow : bool
         Drop samples, counted as ``lost_samples`` and marked in the recording, when the disk cannot keep up (radio);
         off, the stream waits (simulation).
-
     Example
     -------
     ``rec = radalt.iq_recorder(scene, "flight")``

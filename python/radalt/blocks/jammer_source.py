@@ -36,7 +36,6 @@ class jammer_source(gr.sync_block):
     ------
     ValueError
         One line: the key, value or file that does not fit.
-
     Example
     -------
     ``jam = radalt.jammer_source(scene, {"nr": {"channel_bandwidth_hz": 10e6, "cell_id": 17}}, sir_db=-20)``

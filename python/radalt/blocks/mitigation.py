@@ -22,7 +22,6 @@ class mitigation(MitigationBlock):
         Parameters that override the scene's.
     drop_when_slow : bool
         As the frame segmenter's: where frames may be dropped, `hybrid` and `ofdm_cancel` search within a budget.
-
     Example
     -------
     ``clean = radalt.mitigation(scene, "whitening")``

@@ -25,7 +25,6 @@ class range_profile(gr.basic_block):
         Points from 0 to the scene's ``altimeter.max_altitude_m``.
     every : int
         Shows one of ``every`` frames and skips the others.
-
     Example
     -------
     ``view = radalt.range_profile(scene, points=512, every=50)``

@@ -20,9 +20,9 @@ class reacquire(gr.basic_block):
     """On any message, sends the segmenter the command ``reacquire`` once altitude zero has come in.
 
     The segmenter takes the measured delay for altitude zero, so an altitude set by hand would become an offset. The
-    block therefore sets altitude zero, mutes the jammer and waits until the segmenter has received this (by the sample
-    counter). It then sends the command, waits for the lock, and restores both, except an altitude changed meanwhile. A
-    jammer that was off stays off. One line is printed at the end.
+    block therefore sets altitude zero, mutes the jammer and waits until the segmenter has received this (by the
+    sample counter). It then sends the command, waits for the lock, and restores both, except an altitude changed
+    meanwhile. A jammer that was off stays off. One line is printed at the end.
 
     Category: [RadAlt]/Receiver. Ports: ``pressed: message > command: message`` (the symbol ``reacquire``).
 
@@ -33,7 +33,6 @@ class reacquire(gr.basic_block):
         ``frame_segmenter`` and, if there, ``jammer_switch`` (a mute) are found by name.
     scene : Scene
         Waveform.
-
     Example
     -------
     ``again = radalt.reacquire(self, scene)``

@@ -25,14 +25,14 @@ _QUEUED = 10_000  # messages queued for a slow subscriber: 1.4 s of seven method
 class remote_control:
     """Publishes a flowgraph's results and state, and answers requests from any language.
 
-    One thread publishes the altimeters' stored results, another one answers requests, so neither delays the signal path
-    or the other. A slow subscriber loses messages. Queues and messages are bounded.
+    One thread publishes the altimeters' stored results, another one answers requests, so neither delays the signal
+    path or the other. A slow subscriber loses messages. Queues and messages are bounded.
 
     Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object per message, the key ``type`` first:
     ``result`` (all fields of a result, ``method``, ``truth_m``), ``state`` (once a second). Control (REQ/REP): see
-    `radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or
-    ``{"version": 1, "ok": false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` works
-    before the first sample, too. Errors in the thread are counted in ``errors`` and do not end it.
+    `radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or ``{"version": 1, "ok":
+    false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` works before the first sample,
+    too. Errors in the thread are counted in ``errors`` and do not end it.
 
     While it can answer requests, the thread sends the flowgraph's transmit gates a heartbeat every 20 ms. After a
     second without one, gates pass zeros (`TransmitGate`).
@@ -49,14 +49,13 @@ class remote_control:
     network : bool
         Allow endpoints that other machines reach.
     keep_alive_s : float
-        Longest silence of the controlling client, in seconds: without any request for this long transmission stops for
-        good. 0 sets no limit.
+        Longest silence of the controlling client, in seconds: without any request for this long transmission stops
+        for good. 0 sets no limit.
 
     Raises
     ------
     ValueError
         If an endpoint is not a ZMQ address, is not on this machine, or is in use; the message is one line.
-
     Example
     -------
     ``remote = radalt.remote_control(self, scene, "tcp://127.0.0.1:5556", "tcp://127.0.0.1:5557")``

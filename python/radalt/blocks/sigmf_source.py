@@ -25,7 +25,6 @@ class sigmf_source(gr.sync_block):
         Scene whose waveform gives the output's rate.
     file : str
         ``.sigmf-meta`` file.
-
     Example
     -------
     ``src = radalt.sigmf_source(scene, "flight.sigmf-meta")``

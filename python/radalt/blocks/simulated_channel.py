@@ -16,9 +16,9 @@ _HELD_FRAMES = 12  # frames per call in real time: 4 ms less latency than sixtee
 class simulated_channel(gr.basic_block):
     """Received signal of the radar from both transmitters.
 
-    ``y = D(x_radar) + D_j(x_jammer) + noise`` with the impairments of the scene's ``channel`` (`ChannelSettings`), each
-    off by default. The first sample, and the first after every tagged gap, carries ``rx_time`` as UHD sets it. The
-    source's tags ``radalt_altitude`` pass.
+    ``y = D(x_radar) + D_j(x_jammer) + noise`` with the impairments of the scene's ``channel`` (`ChannelSettings`),
+    each off by default. The first sample, and the first after every tagged gap, carries ``rx_time`` as UHD sets it.
+    The source's tags ``radalt_altitude`` pass.
 
     Category: [RadAlt]/Channel. Ports: ``radar: complex``, ``jammer: complex`` (optional) ``> out: complex``, and
     ``auxiliary: complex`` (optional).
@@ -30,11 +30,10 @@ class simulated_channel(gr.basic_block):
     jammer : bool
         Whether the second input exists.
     realtime : bool
-        Limit the throughput to the sample rate, as with radios; for live views. While the flowgraph takes no samples, a
-        radio's would wait in its ring; here the clock waits, ``held_up_s`` in total, ``longest_hold_up_s`` at most.
+        Limit the throughput to the sample rate, as with radios; for live views. While the flowgraph takes no samples,
+        a radio's would wait in its ring; here the clock waits, ``held_up_s`` in total, ``longest_hold_up_s`` at most.
     auxiliary : bool
         Whether the output of the second receive channel exists; the scene has to have the section ``auxiliary``.
-
     Example
     -------
     ``chan = radalt.simulated_channel(scene, jammer=True)``

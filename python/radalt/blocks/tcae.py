@@ -27,7 +27,6 @@ class tcae(MitigationBlock):
     own_process : bool
         Run the network in a separate process and keep the flowgraph's Python blocks to one core (`OwnProcess`): for
         live flowgraphs on two or more cores; no effect on one.
-
     Example
     -------
     ``clean = radalt.tcae(scene, model="models/tcae.onnx")``

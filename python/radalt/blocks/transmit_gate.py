@@ -14,8 +14,9 @@ from ._guard import guarded
 class transmit_gate(gr.sync_block):
     """Zeros instead of samples, unless transmission is allowed; see `TransmitGate`.
 
-    ``y = x`` while the scene states an enclosure, its numbers are plausible, ``transmit`` is set and control is alive,
-    else ``y = 0``. It goes directly before every transmitting sink; the radios' set-up refuses a flowgraph without it.
+    ``y = x`` while the scene states an enclosure, its numbers are plausible, ``transmit`` is set and control is
+    alive, else ``y = 0``. It goes directly before every transmitting sink; the radios' set-up refuses a flowgraph
+    without it.
 
     Category: [RadAlt]/Radio. Ports: ``in: complex > out: complex``.
 
@@ -27,7 +28,6 @@ class transmit_gate(gr.sync_block):
         The command line's or the flowgraph's parameter ``transmit``.
     controlled : bool
         Whether the flowgraph has a remote control, whose heartbeat then has to come at least once per second.
-
     Example
     -------
     ``gate = radalt.transmit_gate(scene, transmit=True)``

@@ -42,11 +42,7 @@ def kaiser_lowpass(pass_hz: float, stop_hz: float, rate_hz: float) -> np.ndarray
 
     Kaiser's formulae for length and ``beta`` (Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.6).
 
-    Parameters
-    ----------
-    pass_hz, stop_hz : float
-        Edges of pass band and stop band; 80 dB of attenuation from the second on.
-    rate_hz : float
+    ``pass_hz``, ``stop_hz``: edges of pass band and stop band; 80 dB of attenuation from the second on.
     """
     nyquist = rate_hz / 2
     length = (_STOP_DB - 7.95) / 2.285 / (np.pi * ((stop_hz - pass_hz) / nyquist)) + 1

@@ -1,8 +1,20 @@
-"""Ctrl-C while compiled packages are imported."""
+"""Ctrl-C while compiled packages are imported, and as one line."""
 
 import contextlib
 import signal
+import sys
 from collections.abc import Iterator
+
+
+@contextlib.contextmanager
+def stops_in_one_line() -> Iterator[None]:
+    """Context or decorator: Ctrl-C prints its message, by default "stopped", and no traceback."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        line, before = KeyboardInterrupt(str(stop) or "stopped"), sys.excepthook
+        sys.excepthook = lambda *said: print(line, file=sys.stderr) if said[1] is line else before(*said)
+        raise line from None
 
 
 @contextlib.contextmanager

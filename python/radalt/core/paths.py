@@ -14,10 +14,7 @@ def share_dir() -> Path:
     In the source tree that is the repository root; in a wheel, ``share`` within the package; installed by CMake,
     ``<prefix>/share/gr-radalt`` of the prefix the package lies under.
 
-    Raises
-    ------
-    FileNotFoundError
-        If neither exists; names both places.
+    Raises `FileNotFoundError` if neither exists; names both places.
     """
     package = Path(__file__).resolve().parents[1]
     candidates = [package.parents[1], package / "share"]

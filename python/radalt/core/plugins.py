@@ -13,10 +13,7 @@ VARIABLE = "RADALT_PLUGINS"
 def load_plugins() -> None:
     """Import the modules that `VARIABLE` names; every registry calls it when it is ready.
 
-    Raises
-    ------
-    ImportError
-        One line: the module, and why it cannot be imported.
+    Raises `ImportError`: the module, and why it cannot be imported.
     """
     for name in filter(None, (part.strip() for part in os.environ.get(VARIABLE, "").split(","))):
         try:

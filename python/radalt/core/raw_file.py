@@ -15,6 +15,7 @@ _CONTAINERS = {
     "HDF5": rb"\x89HDF",
     "a MATLAB file": rb"MATLAB|..\0\0.{8}[\0\x01]\0{3}[\x02-\x40]\0{3}[A-Za-z]\w*\0",
     "compressed": rb"\x1f\x8b|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd|fLaC",
+    "another program's format": rb"PAR1|BLUE|%PDF|\x89PNG|OggS|....ftyp",
     "text": rb"(\xef\xbb\xbf)?[\t\r\n -~]{64}|[\t\r\n -~]+\Z",
 }
 _REMEDY = "save the samples as .npy (give rate_hz), two-channel WAV, or raw (give rate_hz and datatype)"
@@ -57,10 +58,7 @@ def open_raw(path: Path, datatype: str = "", rate_hz: float | None = None) -> Ra
 
     ``datatype`` is that of raw samples, as in SigMF (``cf32_le``, ``ci16_le``, ``cu8``). Only a WAV states a rate.
 
-    Raises
-    ------
-    InputError
-        One line: what is missing, another container, or samples that are of another type.
+    Raises `InputError`: what is missing, another container, or samples that are of another type.
     """
     with path.open("rb") as file:
         first = file.read(_PART)
@@ -74,21 +72,20 @@ def open_raw(path: Path, datatype: str = "", rate_hz: float | None = None) -> Ra
 
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks of other programs
-                stated_hz, rails = wavfile.read(path, mmap=True)
+                mapped = first[34:36] != b"\x18\0"  # 24 bits cannot be
+                stated_hz, rails = wavfile.read(path, mmap=mapped)
             rate_hz = rate_hz or stated_hz
         else:
-            kind = next(
-                (name for name, start in _CONTAINERS.items() if re.match(start, first, re.DOTALL)), ""
-            )
+            kind = next((n for n, start in _CONTAINERS.items() if re.match(start, first, re.DOTALL)), "")
             if kind:
-                raise ValueError(f"it is {kind}; {_REMEDY}")
+                raise ValueError(f"it is {kind}")
             rails = as_rails(np.memmap(path, np.uint8, "r"), _checked_type(datatype, middle))
         if rails.dtype.kind == "c" and rails.size == max(rails.shape):
             rails = rails.reshape(-1).view(rails.real.dtype).reshape(-1, 2)
         if rails.dtype.kind not in "fiu" or rails.ndim != 2 or rails.shape[1] != 2:
             raise ValueError(f"{rails.dtype} of shape {rails.shape}; complex (n,) or real (n, 2) is read")
     except (ValueError, OSError, EOFError, struct.error) as error:
-        raise InputError(f"{path}: not read: {' '.join(str(error).split())[:200]}") from None
+        raise InputError(f"{path}: not read: {' '.join(str(error).split())[:200]}; {_REMEDY}") from None
     if rate_hz is None:
         raise InputError(f"{path}: no rate is stated; give recording.rate_hz, in samples per second")
     return RawFile(rails, rate_hz)
@@ -99,12 +96,23 @@ def _checked_type(datatype: str, part: bytes) -> np.dtype:
     kind = value_type(datatype)
     if kind is None:
         given = f"is {shown(datatype)}" if datatype else "is missing"
-        raise ValueError(
-            f"recording.datatype {given}; give that of raw samples (cf32_le, ci16_le, cu8), or {_REMEDY}"
-        )
+        raise ValueError(f"recording.datatype {given}; for raw samples cf32_le, ci16_le, cu8 or the like")
     likely = [f"cf{bits}_le" for bits in (32, 64) if _as_floats(part, np.dtype(f"<f{bits // 8}")) > 0.99]
-    if _as_floats(part, kind) < 0.9 if kind.kind == "f" else likely:
+    wrong = (
+        _as_floats(part, kind) < 0.9 or (kind == "<f8" and "cf32_le" in likely)
+        if kind.kind == "f"
+        else likely
+    )
+    if wrong:
         raise ValueError(f"its samples are not {datatype}; are they {(likely or ['ci16_le'])[0]}?")
+    if kind.itemsize == 1:
+        away = [
+            np.abs(np.frombuffer(part, name) - zero).mean() for name, zero in (("i1", 0.0), ("u1", 127.5))
+        ]
+        if away[kind.kind == "u"] > 3 * away[kind.kind == "i"]:
+            raise ValueError(
+                f"its samples are not {datatype}; are they {'cu8' if kind.kind == 'i' else 'ci8'}?"
+            )
     return kind
 
 

@@ -9,7 +9,6 @@ import hashlib
 import io
 import json
 import tarfile
-import warnings
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,19 +48,8 @@ class _Data:
 class SigmfFile:
     """An opened file; see `open_sigmf`.
 
-    Attributes
-    ----------
-    path : Path
-        Path of the metadata, or of the archive.
-    head : dict
-        The metadata's object ``global``.
-    captures : list of dict
-    datatype : str
-    rate_hz : float
-    sample_count : int
-        Number of samples, headers excluded.
-    notes : list of str
-        What the metadata promise and the data lack, one line each.
+    ``path``: Path of the metadata, or of the archive; ``head``: the metadata's object ``global``; ``sample_count``:
+    number of samples, headers excluded; ``notes``: what the metadata promise and the data lack, one line each.
     """
 
     def __init__(self, path: Path, content: dict[str, Any], data: _Data, sample_count: int) -> None:
@@ -94,21 +82,14 @@ class SigmfFile:
 def open_sigmf(path: Path | str) -> SigmfFile:
     """Open a SigMF file and check it against its metadata (checksum, sizes, schema).
 
-    Parameters
-    ----------
-    path : path
-        ``.sigmf-meta``, ``.sigmf-data``, or an archive ``.sigmf``, ``.sigmf.gz``, ``.sigmf.xz``, ``.sigmf.zip``.
-
-    Raises
-    ------
-    InputError
-        One line: what is missing, truncated or does not match.
+    ``path``: ``.sigmf-meta``, ``.sigmf-data``, or an archive ``.sigmf``, ``.sigmf.gz``, ``.sigmf.xz``,
+    ``.sigmf.zip``. Raises `InputError`: what is missing, truncated or does not match.
     """
     sigmf, path = extra("sigmf"), Path(path)
     archive = path.name.endswith(_ARCHIVES) and path.is_file()
     meta = path if archive else path.with_suffix(".sigmf-meta")
     if not meta.is_file():
-        raise InputError(f"{path}: no such recording: {meta.name} is not there; give the .sigmf-meta file")
+        raise InputError(f"{path}: no SigMF recording: {meta.name} is not there; give the .sigmf-meta file")
     try:
         text, data = (
             _archived(path) if archive else (read_bytes(meta, most_bytes=_META_BYTES, what="recording"), None)
@@ -117,21 +98,19 @@ def open_sigmf(path: Path | str) -> SigmfFile:
         head = content["global"]
         head["core:extensions"] = EXTENSIONS  # the others are ignored, and some programs write an object
         data = data or _beside(meta, head.get("core:dataset"))
-        with warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("ignore")
-            warnings.simplefilter("always", UserWarning)
-            recording = sigmf.SigMFFile(metadata=content)
-            with contextlib.suppress(AttributeError, KeyError, TypeError):  # validate() names what is wrong
-                recording.get_annotations().sort(key=lambda annotation: annotation["core:sample_start"])
-            recording.validate()
-            other = sum(int(c.get("core:header_bytes", 0)) for c in recording.get_captures())
-            held = max(0, data.size - other - int(head.get("core:trailing_bytes", 0)))
-            where = {"data_file" if isinstance(data.source, Path) else "data_buffer": data.source}
-            recording.set_data_file(**where, skip_checksum=True, offset=data.offset + other, size_bytes=held)
-        said = [str(w.message) for w in warned]
-        if torn := [line for line in said if "final annotation" not in line]:
-            raise ValueError(torn[0])  # a replay must not score truncated data
-        _check_sum(data, head.get("core:sha512"))
+        recording = sigmf.SigMFFile(metadata=content)
+        notes, captures = recording.get_annotations(), recording.get_captures()
+        with contextlib.suppress(AttributeError, KeyError, TypeError):  # validate() names what is wrong
+            notes.sort(key=lambda annotation: annotation["core:sample_start"])
+        recording.validate()
+        other = sum(int(c.get("core:header_bytes", 0)) for c in captures) + head.get("core:trailing_bytes", 0)
+        width = 2 * np.dtype(value_type(head["core:datatype"])).itemsize
+        held, torn = divmod(max(0, data.size - int(other)), width)
+        if torn:  # a replay must not score truncated data
+            raise ValueError(f"core:datatype has {width} bytes a sample, and {torn} are left over at the end")
+        stated = head.get("core:sha512")
+        if stated and hashlib.sha512(data.content()).hexdigest() != stated.lower():
+            raise ValueError("core:sha512 is another one")
     except InputError:
         raise
     except Exception as error:  # sigmf, jsonschema, json, archives, OS and NumPy each bring their own kinds
@@ -141,10 +120,10 @@ def open_sigmf(path: Path | str) -> SigmfFile:
         raise InputError(
             f"{meta}: {key}{reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
         ) from None
-    if recording.sample_count == 0:
-        raise InputError(f"{meta}: the data file holds no samples")
-    opened = SigmfFile(meta, content, data, int(recording.sample_count))
-    if said:
+    if held <= max((c["core:sample_start"] for c in captures), default=0):
+        raise InputError(f"{meta}: {held} samples are in the data file, and a capture begins behind them")
+    opened = SigmfFile(meta, content, data, held)
+    if any(note["core:sample_start"] + note.get("core:sample_count", 0) > held for note in notes):
         opened.notes.append(f"{meta}: annotations go on behind the last sample; are the data whole?")
     return opened
 
@@ -186,14 +165,6 @@ def _archived(path: Path) -> tuple[bytes, _Data]:
             return text, _Data(path, data[0].offset_data, data[0].size)
         samples = io.BytesIO(opened(data[0]).read())
         return text, _Data(samples, 0, samples.getbuffer().nbytes)
-
-
-def _check_sum(data: _Data, stated: str | None) -> None:
-    """Compare the samples with ``core:sha512``, where it is stated."""
-    if stated is None:
-        return
-    if hashlib.sha512(data.content()).hexdigest() != stated.lower():
-        raise ValueError("core:sha512 is another one")
 
 
 def _known_keys(value: Any) -> Any:

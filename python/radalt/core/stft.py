@@ -11,17 +11,8 @@ _OVERLAP = 4  # windows that hold each sample
 class Stft:
     """Plane of a frame: Hann windows every quarter of their length, the frame's ends within whole windows.
 
-    Parameters
-    ----------
-    samples : int
-        Samples N of a frame.
-    window : int
-        Window length in samples, a multiple of 4 within 8..N.
-
-    Attributes
-    ----------
-    hops : int
-        Windows of a frame.
+    ``samples``: samples N of a frame; ``window``: window length in samples, a multiple of 4 within 8..N. ``hops``:
+    windows of a frame.
     """
 
     def __init__(self, samples: int, window: int) -> None:

@@ -29,6 +29,12 @@ def one_line(text: str, most: int = MOST) -> str:
     return f"{text[:half]} ... {text[-half:]}"
 
 
+def showable(text: object) -> bool:
+    """Whether a text is short and safe in a page: printable, without markup, links and table delimiters."""
+    short = isinstance(text, str) and len(text) <= MOST
+    return short and text.isprintable() and not set("<>|") & set(text) and "](" not in text
+
+
 def said(error: BaseException) -> str:
     """Message of an exception; an OSError gives file and reason, without its error number.
 

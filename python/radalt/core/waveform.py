@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.constants import speed_of_light as C_M_PER_S
 
-from .parsing import check_range
+from .parsing import Settings, setting
 
 __all__ = [
     "C_M_PER_S",
@@ -41,8 +41,8 @@ def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarr
 def sum_of_waves(weights: np.ndarray, step_cycles: np.ndarray, count: int) -> np.ndarray:
     """sum_w weights_w exp(j 2 pi step_w n), n = 0..count-1: (..., waves) twice gives (..., count).
 
-    With n = a * block + b each exponential is a product of two, so the sum is a small matrix product:
-    some 2 sqrt(count) exponentials per wave instead of count.
+    With n = a * block + b each exponential is a product of two, so the sum is a small matrix product: some 2
+    sqrt(count) exponentials per wave instead of count.
     """
     block = int(np.ceil(np.sqrt(count)))
     blocks = -(-count // block)
@@ -63,27 +63,8 @@ def delay_to_altitude_m(delay_s: np.ndarray | float) -> np.ndarray | float:
 
 
 @dataclass(frozen=True)
-class Waveform:
+class Waveform(Settings, where="waveform"):
     """Up/down linear sweep, and the quantities derived from it.
-
-    Parameters
-    ----------
-    bandwidth_hz : float
-        Swept bandwidth ``B``, > 0.
-    sweep_s : float
-        Duration ``T_sw`` of a frame, > 0: one whole period of a triangle (up plus down), two whole periods of a
-        sawtooth. Either way a frame holds two ramps over ``B``, of ``T_h = T_sw / 2`` each ("half sweeps").
-    rate_hz : float
-        Complex sample rate ``F_s`` >= ``B``; ``F_s T_sw`` has to be a whole even number of samples.
-    carrier_hz : float
-        Carrier ``f_c``, for Doppler and carrier phase.
-    centered : bool
-        True sweeps ``-B/2..+B/2`` (what goes on the air), False ``0..B`` (the paper; aliases at ``F_s = B``; a
-        triangle only).
-    shape : str
-        ``"triangle"``, ``"sawtooth_up"`` or ``"sawtooth_down"``. A sawtooth has one slope, so range and Doppler are
-        one: it measures the altitude of a time `doppler_lead_s` later, and a single frame has no vertical speed. A
-        scene plays a triangle.
 
     Raises
     ------
@@ -97,21 +78,27 @@ class Waveform:
     (7500, 15000000000.0)
     """
 
-    bandwidth_hz: float = 7.5e6
-    sweep_s: float = 1e-3
-    rate_hz: float = 7.5e6
-    carrier_hz: float = 4.3e9
+    bandwidth_hz: float = setting(7.5e6, 1e5, 5e9)
+    """Swept bandwidth ``B``."""
+    sweep_s: float = setting(1e-3, 1e-9, 1e5)
+    """Duration ``T_sw`` of a frame: one whole period of a triangle (up plus down), two whole periods of a
+    sawtooth. Either way a frame holds two ramps over ``B``, of ``T_h = T_sw / 2`` each ("half sweeps")."""
+    rate_hz: float = setting(7.5e6, 1e4, 5e9)
+    """Complex sample rate ``F_s`` >= ``B``; ``F_s T_sw`` has to be a whole even number of samples."""
+    carrier_hz: float = setting(4.3e9, 1e8, 1e12)
+    """Carrier ``f_c``, for Doppler and carrier phase."""
     centered: bool = True
-    shape: str = "triangle"
+    """True sweeps ``-B/2..+B/2`` (what goes on the air), False ``0..B`` (the paper; aliases at ``F_s = B``; a
+    triangle only)."""
+    shape: str = setting("triangle", among=SHAPES)
+    """A sawtooth has one slope, so range and Doppler are one: it measures the altitude of a time `doppler_lead_s`
+    later, and a single frame has no vertical speed. A scene plays a triangle."""
 
     deramped: ClassVar[bool] = False  # whether frames come after the mixer: `core.deramp.IfWaveform`
 
     def __post_init__(self) -> None:
         # below them a resolution of kilometres, or megahertz written as hertz
-        least = {"bandwidth_hz": (1e5, 5e9), "rate_hz": (1e4, 5e9), "carrier_hz": (1e8, 1e12)}
-        check_range("waveform", self, **least, sweep_s=(1e-9, 1e5))
-        if self.shape not in SHAPES:
-            raise ValueError(f"waveform.shape is {self.shape!r}; allowed: {', '.join(SHAPES)}")
+        super().__post_init__()
         if not (self.centered or self.separates_doppler):
             raise ValueError(f"waveform.centered is false; a {self.shape} has to be centred")
         if self.bandwidth_hz > self.rate_hz * (1 + 1e-12) and not self.deramped:
@@ -175,8 +162,8 @@ class Waveform:
     def max_unambiguous_altitude_m(self) -> float:
         """Altitude whose delay is half a half-sweep: beyond it the two sweeps no longer share half their time.
 
-        The beat then also passes a quarter of the sweep bandwidth's Nyquist zone; the chain declares such
-        altitudes out of range rather than folding them.
+        The beat then also passes a quarter of the sweep bandwidth's Nyquist zone; the chain declares such altitudes
+        out of range rather than folding them.
         """
         return float(delay_to_altitude_m(0.5 * self.half_sweep_s))
 
@@ -209,8 +196,8 @@ class Waveform:
     def phase_cycles(self, time_s: np.ndarray, frame_index: np.ndarray | int = 0) -> np.ndarray:
         """Phase in cycles at ``time_s`` after the start of sweep ``frame_index``; any shape, any sign of time.
 
-        The frequency is integrated from sweep to sweep, so the phase is continuous for every ``B T_h``
-        (pasting the per-sweep formulae is right only where ``B T_h`` is whole).
+        The frequency is integrated from sweep to sweep, so the phase is continuous for every ``B T_h`` (pasting the
+        per-sweep formulae is right only where ``B T_h`` is whole).
         """
         time_s = np.asarray(time_s, dtype=float)
         sweep = np.floor(time_s / self.sweep_s)
@@ -259,9 +246,9 @@ class Waveform:
     def beat_shifted(self, altitude_m: float) -> np.ndarray:
         """(N,) complex64 sweep whose beat is moved to ``altitude_m`` (synthetic altitude).
 
-        Up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``; the shift's phase returns to zero at
-        the frame's end, so altitudes may change from sweep to sweep without a phase step. The carrier phase
-        ``-2 pi f_c tau`` of a true return is included. Raises ValueError for a sawtooth, which has no such return.
+        Up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``; the shift's phase returns to zero at the
+        frame's end, so altitudes may change from sweep to sweep without a phase step. The carrier phase ``-2 pi f_c
+        tau`` of a true return is included. Raises ValueError for a sawtooth, which has no such return.
         """
         if not self.separates_doppler:
             raise ValueError(f"waveform.shape is {self.shape!r}; a beat shift needs a triangle")

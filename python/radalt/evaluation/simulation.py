@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from ..core.altimeter.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
+from ..core.altimeter.frame_quality import FrameQuality
 from ..core.mitigation import METHODS, Mitigation, create, method_class
-from ..core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
-from ..core.receiver.auxiliary_samples import AuxiliarySamples
-from ..core.receiver.frame_quality import FrameQuality
-from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
 from ..core.scene.build import canceller_of, channel_of, jammers_of, segmenter_of, sweeps_of
+from ..core.timing.auxiliary_samples import AuxiliarySamples
+from ..core.timing.segmenter import Frame, FrameSegmenter
 
 # Sweeps after the last trial: latency is up to one frame, and the segmenter releases a frame after the next one. The
 # flowgraph's variable `frames` uses this number, too.

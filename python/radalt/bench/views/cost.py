@@ -20,8 +20,8 @@ def summaries(
 ) -> dict[str, dict[str, float]]:
     """By entry: decibels held (mean over cases), wrong and valid, trials, milliseconds and FFTs per frame (medians).
 
-    Costs are those of ``turns``, where an entry took turns. Wrong altitudes are counted at the levels that every entry
-    ran: an entry that stops early has the easy ones only.
+    Costs are those of ``turns``, where an entry took turns. Wrong altitudes are counted at the levels that every
+    entry ran, and (``all_``) at all of its own: an entry that stops early has the easy ones only.
     """
     found, out = curves(rows), {}
     timed = {row["entry"] for row in turns}
@@ -35,6 +35,8 @@ def summaries(
             "held_db": float(np.mean(each)) if each else float("nan"),
             "wrong": float(sum(row["detections"] - row["correct"] for row in mine if _level(row) in common)),
             "trials": float(sum(row["trials"] for row in mine if _level(row) in common)),
+            "all_wrong": float(sum(row["detections"] - row["correct"] for row in mine)),
+            "all_trials": float(sum(row["trials"] for row in mine)),
             **{key: float(np.median([row[key] or np.nan for row in cost])) for key in ("ms", "ffts")},
         }
     return out
@@ -71,19 +73,21 @@ def summary_table(summary: Mapping[str, Mapping[str, float]]) -> str:
     lines = []
     for name in order:
         s = summary[name]
-        wrong, trials = int(s["wrong"]), int(s["trials"])
-        bound = clopper_pearson_bound(wrong, trials)
+        counts = [(int(s[f"{of}wrong"]), int(s[f"{of}trials"])) for of in ("", "all_")]
         lines.append(
             [
                 name,
                 f"{s['held_db']:.1f}",
-                f"{wrong} of {trials}",
-                f"{bound:.2g}",
+                *(
+                    f"{wrong} of {trials} ({clopper_pearson_bound(wrong, trials):.2g})"
+                    for wrong, trials in counts
+                ),
                 "" if np.isnan(s["ms"]) else f"{s['ms']:.2f}",
                 "" if np.isnan(s["ffts"]) else f"{s['ffts']:.0f}",
             ]
         )
-    head = ["entry", "held / dB", "wrong and valid", "95 % bound", "ms per frame", "FFTs per frame"]
+    head = ["entry", "held / dB", "wrong and valid (95 % bound), levels of all", "at all its own levels"]
+    head += ["ms per frame", "FFTs per frame"]
     return table(head, lines)
 
 

@@ -1,4 +1,4 @@
-"""Pd over the level, a panel per case, at its largest overlap."""
+"""Pd over the level with 95 % intervals, a panel per case, at its largest overlap."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ from ...evaluation.results.style import series_style
 from ..paired import curves, level_db
 from ..rows import Row
 
-_PANELS = 9  # cases in the figure: the first ones; the table has all
+_PANELS = 15  # cases in the figure: the first ones; the table has all
 _LINES = 8  # entries in a panel
 
 
@@ -23,7 +23,7 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path) -> None
     ][:_PANELS]
     if not shown:
         return
-    across = min(3, len(shown))
+    across = min(3 if len(shown) > 4 else 2, len(shown))
     down = -(-len(shown) // across)
     figure = new_figure(2.9 * across + 0.6, 2.3 * down + 0.7)
     axes = figure.subplots(down, across, sharey=True, squeeze=False)
@@ -31,7 +31,9 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path) -> None
     for axis, where in zip(axes.flat, shown, strict=False):
         for name in (name for name in names if name in found[where]):
             curve, style = found[where][name], series_style(name, names)
-            axis.plot([level_db(r) for r in curve], [r["pd"] for r in curve], ms=4, lw=1.2, **style)
+            bars = [[r["pd"] - r["pd_low"] for r in curve], [r["pd_high"] - r["pd"] for r in curve]]
+            pds = [r["pd"] for r in curve]
+            axis.errorbar([level_db(r) for r in curve], pds, yerr=bars, ms=4, lw=1.2, elinewidth=0.7, **style)
         axis.set_title(f"{where[0].replace('_', ' ')}, overlap {where[1]:g}", fontsize=10)
         axis.invert_xaxis()
         axis.axhline(0.9, color="0.8", lw=0.8)
@@ -40,7 +42,9 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path) -> None
         axis.set_axis_off()
     figure.supxlabel("level / dB")
     axes[0, 0].set_ylabel("Pd")
-    lines = {line.get_label(): line for axis in axes.flat for line in axis.get_lines()}
+    lines = {
+        name: line for axis in axes.flat for line, name in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
     handles = [lines[name] for name in names if name in lines]
     figure.legend(handles=handles, loc="outside upper center", ncols=4, fontsize=9, frameon=False)
     save_figure(figure, path)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..parsing import check_range
+from ..parsing import Settings, setting
 from ..waveform import Waveform, exp_cycles
 from .noise import ReceiverNoise
 
@@ -19,76 +19,47 @@ _MOST_DELAY_S = 1e-5  # largest delay between antennas or of an echo, s: 3 km
 
 
 @dataclass(frozen=True, kw_only=True)
-class Direction:
-    """How the two antennas receive an emitter.
-
-    Parameters
-    ----------
-    gain_db : float
-        Power in the second channel over that in the first.
-    delay_s : float
-        Delay of the second channel against the first, -1e-5..1e-5.
-    phase_deg : float or None
-        Phase of the second channel against the first; None draws it. An emitter in the return's direction has
-        ``gain_db`` of minus the isolation, ``delay_s`` 0 and ``phase_deg`` 0.
-    doppler_hz : float
-        Frequency difference of the second channel against the first, -1e4..1e4.
-    echo_db : float or None
-        Power of a second path over the first, in both channels, each with its own phase; None for no second path.
-    echo_s : float
-        Delay of the second path, 0..1e-5.
-    echo_doppler_hz : float
-        Frequency difference of the second path against the first, -1e4..1e4.
-    """
+class Direction(Settings, where="auxiliary.directions"):
+    """How the two antennas receive an emitter."""
 
     gain_db: float = 6.0
-    delay_s: float = 3e-9
+    """Power in the second channel over that in the first."""
+    delay_s: float = setting(3e-9, -_MOST_DELAY_S, _MOST_DELAY_S)
+    """Delay of the second channel against the first."""
     phase_deg: float | None = None
-    doppler_hz: float = 0.0
+    """Phase of the second channel against the first; None draws it. An emitter in the return's direction has
+    ``gain_db`` of minus the isolation, ``delay_s`` 0 and ``phase_deg`` 0."""
+    doppler_hz: float = setting(0.0, -1e4, 1e4)
+    """Frequency difference of the second channel against the first."""
     echo_db: float | None = None
-    echo_s: float = 500e-9
-    echo_doppler_hz: float = 0.0
-
-    def __post_init__(self) -> None:
-        delays = {"delay_s": (-_MOST_DELAY_S, _MOST_DELAY_S), "echo_s": (0.0, _MOST_DELAY_S)}
-        check_range(
-            "auxiliary.directions", self, doppler_hz=(-1e4, 1e4), echo_doppler_hz=(-1e4, 1e4), **delays
-        )
+    """Power of a second path over the first, in both channels, each with its own phase; None for no second path."""
+    echo_s: float = setting(500e-9, 0.0, _MOST_DELAY_S)
+    """Delay of the second path."""
+    echo_doppler_hz: float = setting(0.0, -1e4, 1e4)
+    """Frequency difference of the second path against the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class AuxiliarySettings:
-    """A second receive channel that is coherent with the first, as simulated; with radios, that it is there.
-
-    Parameters
-    ----------
-    directions : tuple of Direction
-        One for every interferer, in their order; a single one is that of all.
-    isolation_db : float
-        How much weaker the second channel receives the return, -20..100.
-    noise_db : float
-        Noise of the second channel over the first's.
-    ripple_db : float
-        Peak of the ripple over the band by which the channels differ for interference, 0..6.
-    image_db : float or None
-        Power of the image in either channel, with a phase of its own; None for none.
-    third_order_db : float or None
-        Third-order product of a tone of full scale in either channel, over the tone; None for none.
-    adc_bits : int
-        Resolution of both converters, 0..16, whose own noise is half a step; 0 for none.
-    """
+class AuxiliarySettings(Settings, where="auxiliary"):
+    """A second receive channel that is coherent with the first, as simulated; with radios, that it is there."""
 
     directions: tuple[Direction, ...] = (Direction(),)
-    isolation_db: float = 20.0
+    """One for every interferer, in their order; a single one is that of all."""
+    isolation_db: float = setting(20.0, -20.0, 100.0)
+    """How much weaker the second channel receives the return."""
     noise_db: float = 0.0
-    ripple_db: float = 0.2
+    """Noise of the second channel over the first's."""
+    ripple_db: float = setting(0.2, 0.0, 6.0)
+    """Peak of the ripple over the band by which the channels differ for interference."""
     image_db: float | None = -50.0
+    """Power of the image in either channel, with a phase of its own; None for none."""
     third_order_db: float | None = -60.0
-    adc_bits: int = 12
+    """Third-order product of a tone of full scale in either channel, over the tone; None for none."""
+    adc_bits: int = setting(12, 0, 16)
+    """Resolution of both converters, whose own noise is half a step; 0 for none."""
 
     def __post_init__(self) -> None:
-        limits = {"isolation_db": (-20.0, 100.0), "ripple_db": (0.0, 6.0)}
-        check_range("auxiliary", self, adc_bits=(0, 16), **limits)
+        super().__post_init__()
         if not self.directions:
             raise ValueError("auxiliary.directions is empty; give one, or leave the key out")
 
@@ -96,15 +67,8 @@ class AuxiliarySettings:
 class AuxiliaryReceiver:
     """What the second channel receives, frame by frame, and the front ends of both.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : AuxiliarySettings
-    interference : tuple of float
-        Mean power from each direction in the first channel while it lasts, over the return's.
-    noise : float
-        Noise power of the first channel over the return's.
-    seed : int
+    ``interference``: mean power from each direction in the first channel while it lasts, over the return's;
+    ``noise``: noise power of the first channel over the return's.
     """
 
     def __init__(

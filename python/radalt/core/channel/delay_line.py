@@ -24,15 +24,9 @@ _KERNELS = 512  # cached kernels, 16 KB each: all `STEPS` of a drifting clock, a
 class DelayLine:
     """Delays a stream of blocks (overlap-save).
 
-    Parameters
-    ----------
-    block : int
-        Samples per block.
-    max_delay : float
-        Longest delay, in samples.
-    repeats : bool
-        Set it for a stream that repeats its blocks, as a radar's sweep does. A block equal to all stored ones is then
-        not copied, and the output at a known delay costs a comparison instead of an FFT.
+    ``block``: samples per block; ``max_delay``: longest delay, in samples; ``repeats``: set it for a stream that
+    repeats its blocks, as a radar's sweep does. A block equal to all stored ones is then not copied, and the output
+    at a known delay costs a comparison instead of an FFT.
     """
 
     def __init__(self, block: int, max_delay: float, *, repeats: bool = False) -> None:
@@ -88,10 +82,7 @@ class DelayLine:
         ``blocks`` must be those of the last `push`. The result equals single pushes and reads to the bit. Where all
         blocks are equal, the shape is (1, block).
 
-        Raises
-        ------
-        ValueError
-            If a fractional delay is below half the kernel: the interpolation would not be causal.
+        Raises `ValueError` if a fractional delay is below half the kernel: the interpolation would not be causal.
         """
         whole = int(np.floor(delay))
         fraction = round((delay - whole) * _FINE_STEPS) / _FINE_STEPS

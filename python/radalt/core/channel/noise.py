@@ -6,17 +6,12 @@ import numpy as np
 class ReceiverNoise:
     """Circular complex white Gaussian noise in blocks of one length, added in place.
 
-    ``sqrt(-2 ln u) (cos 2 pi v, sin 2 pi v)`` (G. E. P. Box and M. E. Muller, Ann. Math. Stat. 29, 1958) from 32 random
-    bits each for ``u`` and ``v``. The float32 functions are vectorised, so this takes a third of the time of NumPy's
-    normal generator. The smallest ``u`` is ``2^-33``, so the noise reaches 6.7 standard deviations, which one sample in
-    10^11 exceeds.
+    ``sqrt(-2 ln u) (cos 2 pi v, sin 2 pi v)`` (G. E. P. Box and M. E. Muller, Ann. Math. Stat. 29, 1958) from 32
+    random bits each for ``u`` and ``v``. The float32 functions are vectorised, so this takes a third of the time of
+    NumPy's normal generator. The smallest ``u`` is ``2^-33``, so the noise reaches 6.7 standard deviations, which one
+    sample in 10^11 exceeds.
 
-    Parameters
-    ----------
-    samples : int
-        Complex samples per block.
-    seed : sequence of int
-        Seed of the noise.
+    ``samples``: complex samples per block; ``seed``: seed of the noise.
 
     Examples
     --------

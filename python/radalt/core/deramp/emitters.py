@@ -105,22 +105,13 @@ class OtherAltimeter:
 
 @dataclass(frozen=True)
 class Carrier:
-    """A transmission of any emitter (`core.interference`), carried at an offset, computed only while the sweep is near.
+    """A transmission of any emitter (`core.interference`) at an offset, computed only while the sweep is near."""
 
-    Parameters
-    ----------
-    signal : Signal
-        Its samples about its own centre, mean power 1.
-    rate_hz : float
-        Rate of the signal: a multiple of the simulation rate, at least ``bandwidth_hz`` and twice the IF's stop band.
-    bandwidth_hz : float
-        Band that it occupies, about its centre.
-    offset_hz : float
-    """
-
-    signal: Signal
+    signal: Signal  # its samples about its own centre, mean power 1
     rate_hz: float
-    bandwidth_hz: float
+    """Rate of the signal: a multiple of the simulation rate, at least ``bandwidth_hz`` and twice the IF's stop
+    band."""
+    bandwidth_hz: float  # band that it occupies, about its centre
     offset_hz: float = 0.0
 
     @classmethod

@@ -16,25 +16,16 @@ _NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6
 
 @dataclass(frozen=True)
 class EnvelopeGain:
-    """Gains of an amplifier under a strong signal.
+    """Gains of an amplifier under a strong signal."""
 
-    Attributes
-    ----------
-    own : float
-        Gain of the strong signal's amplitude (of the part that correlates with it).
-    weak : float
-        Mean gain of a weak signal's amplitude.
-    modulation : float
-        Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
-        skirt as wide as the strong signal's band.
-    distortion : float
-        Power of the output that is no multiple of the strong signal, over its power at the input.
-    """
-
-    own: float
-    weak: float
+    own: float  # gain of the strong signal's amplitude (of the part that correlates with it)
+    weak: float  # mean gain of a weak signal's amplitude
     modulation: float
-    distortion: float = 0.0
+    """Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
+    skirt as wide as the strong signal's band."""
+    distortion: float = (
+        0.0  # power of the output that is no multiple of the strong signal, over its power at the input
+    )
 
 
 @dataclass(frozen=True)
@@ -45,18 +36,12 @@ class Amplifier:
 
     ``A3`` is the amplitude at IIP3, and ``b`` follows from P1dB exactly. Rapp's law alone (no ``A3``) ties IIP3 to
     P1dB; the cubic alone grows without bound.
-
-    Parameters
-    ----------
-    p1db_dbm : float
-        Input power at which the gain has fallen by 1 dB.
-    iip3_dbm : float
-        Input third-order intercept point, more than 7.8 dB above ``p1db_dbm``: below, the cubic term alone compresses
-        sooner.
     """
 
-    p1db_dbm: float
+    p1db_dbm: float  # input power at which the gain has fallen by 1 dB
     iip3_dbm: float
+    """Input third-order intercept point, more than 7.8 dB above ``p1db_dbm``: below, the cubic term alone compresses
+    sooner."""
 
     def __post_init__(self) -> None:
         if not self._rest > 0:
@@ -103,12 +88,8 @@ class Amplifier:
     def with_strong(self, power_dbm: float, *, constant_envelope: bool) -> EnvelopeGain:
         """Gains under a strong signal of a mean power.
 
-        Parameters
-        ----------
-        power_dbm : float
-            At the input.
-        constant_envelope : bool
-            A carrier or sweep; else complex Gaussian, as OFDM and noise are, whose power is exponential.
+        ``power_dbm``: at the input; ``constant_envelope``: a carrier or sweep; else complex Gaussian, as OFDM and
+        noise are, whose power is exponential.
         """
         power = 10 ** (power_dbm / 10)
         if constant_envelope:
@@ -142,14 +123,7 @@ def rectified_mw_per_hz(power_mw: float, iip2_dbm: float, bandwidth_hz: float) -
 
 @dataclass(frozen=True)
 class Bursts:
-    """Time-division duplex: a transmitter that is on for a share of every period.
-
-    Parameters
-    ----------
-    period_s : float
-    duty : float
-        0..1.
-    """
+    """Time-division duplex: a transmitter that is on for a share of every period. ``duty``: 0..1."""
 
     period_s: float
     duty: float
@@ -167,18 +141,10 @@ class Bursts:
 
 @dataclass(frozen=True)
 class Converter:
-    """Gain control and analogue-to-digital converter of the IF.
+    """Gain control and analogue-to-digital converter of the IF."""
 
-    Parameters
-    ----------
-    bits : int
-        Per rail, 4..24.
-    headroom_db : float
-        Full scale over the rms of a rail, which the gain control sets anew for every output.
-    """
-
-    bits: int
-    headroom_db: float
+    bits: int  # per rail, 4..24
+    headroom_db: float  # full scale over the rms of a rail, which the gain control sets anew for every output
 
     def __call__(self, frames: np.ndarray, rms: np.ndarray | float) -> np.ndarray:
         """Clipped and rounded samples (n, N) of frames, ``rms`` that of their rails, a scalar or (n, 1)."""

@@ -20,19 +20,11 @@ _FACETS = 4000  # number of facets: 8 in the first metre of range at 5,000 ft
 
 @dataclass(frozen=True)
 class DiffuseGround:
-    """Level ground that scatters without a specular part, with independent speckle per sweep.
-
-    Parameters
-    ----------
-    antenna : Antenna
-    ground : Reflectivity
-    forward_m_per_s : float
-        Horizontal speed: the Doppler of facets ahead and behind.
-    """
+    """Level ground that scatters without a specular part, with independent speckle per sweep."""
 
     antenna: Antenna
     ground: Reflectivity
-    forward_m_per_s: float = 0.0
+    forward_m_per_s: float = 0.0  # horizontal speed: the Doppler of facets ahead and behind
 
     def frame(
         self, waveform: Waveform, height_m: float, power_mw: float, rng: np.random.Generator
@@ -55,13 +47,8 @@ def facet_frame(
 ) -> np.ndarray:
     """(N,) complex64 sum of returns, each of one beat per half sweep.
 
-    Parameters
-    ----------
-    waveform : Waveform
-        Deramped.
-    range_m, range_rate_m_per_s : (m,) float
-        At the middle of the frame; the rate positive climbing.
-    amplitude : (m,) complex
+    ``waveform``: Deramped; ``range_m``, ``range_rate_m_per_s`` (m,) float: at the middle of the frame; the rate
+    positive climbing; ``amplitude`` (m,) complex.
     """
     w, half = waveform, waveform.samples_per_half
     delay = altitude_to_delay_s(range_m)

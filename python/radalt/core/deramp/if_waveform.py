@@ -26,14 +26,8 @@ SIMULATION_FACTOR = 5
 class IfWaveform(Waveform):
     """A sweep whose frames are dechirped by the receiver: ``rate_hz`` is the IF's, and ``reference`` is all ones.
 
-    `Altimeter`, `AltitudeTracker` and methods of mitigation take it like any other waveform. Phases and frequencies are
-    those of the sweep on the air.
-
-    Parameters
-    ----------
-    pass_hz : float
-        Flat part of the IF filter, to either side of zero; > 0 and below ``rate_hz / 2``, from where on it is 80 dB
-        down.
+    `Altimeter`, `AltitudeTracker` and methods of mitigation take it like any other waveform. Phases and frequencies
+    are those of the sweep on the air.
 
     Examples
     --------
@@ -43,6 +37,8 @@ class IfWaveform(Waveform):
     """
 
     pass_hz: float = 0.5e6
+    """Flat part of the IF filter, to either side of zero; > 0 and below ``rate_hz / 2``, from where on it is 80 dB
+    down."""
 
     deramped: ClassVar[bool] = True
 

@@ -1,6 +1,6 @@
-"""An altimeter as data: every number with its source and its standing, from a YAML file.
+"""An altimeter as data: every number with its source and its provenance, from a YAML file.
 
-A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, standing, source]``; the standing is
+A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, provenance, source]``; the provenance is
 
 - ``read in source``: the number was read in the source that is named;
 - ``secondary``: another document quotes that source;
@@ -15,21 +15,21 @@ from typing import Any
 import numpy as np
 from scipy.constants import Boltzmann, foot
 
+from ..altimeter.altimeter import Altimeter, AltimeterSettings
 from ..parsing import InputError, load_yaml
 from ..parsing.mappings import build
 from ..paths import share_dir
-from ..receiver.altimeter import Altimeter, AltimeterSettings
-from ..receiver.summed_detector import CounterDetector, SummedDetector
-from ..receiver.tracker import AltitudeTracker
-from ..receiver.tracker_settings import TrackerSettings
 from ..returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
 from ..returns.terrain.antenna import GaussianAntenna
 from ..returns.terrain.ground import Reflectivity, reflectivity
+from ..tracker.summed_detector import CounterDetector, SummedDetector
+from ..tracker.tracker import AltitudeTracker
+from ..tracker.tracker_settings import TrackerSettings
 from ..waveform import SHAPES
 from .front_end import Amplifier, Converter
 from .if_waveform import IfWaveform
 
-STANDINGS = ("read in source", "secondary", "assumed")
+PROVENANCES = ("read in source", "secondary", "assumed")
 _TEMPERATURE_K = 290.0
 _WORDS = {
     "sweep": tuple(SHAPES),
@@ -76,49 +76,29 @@ _LIMITS = {
 class Profile:
     """A deramping altimeter on an aircraft. The *port* is the receiver's input, behind the receive cable.
 
-    Parameters
-    ----------
-    name, about : str
-    sweep : str
-        ``triangle``, ``sawtooth_up``, ``sawtooth_down``.
-    detector : str
-        ``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`).
-    strategy : str
-        ``strongest`` or ``leading_edge``.
-    carrier_hz, bandwidth_hz, period_s : float
-        Centre, width and one whole period of the sweep: up and down of a triangle, one ramp of a sawtooth.
-    transmit_w, gain_dbi, beamwidth_deg, cable_db : float
-        Power; gain and -3 dB width of each antenna (Gaussian pattern); loss of each cable.
-    installation_delay_ft : float
-        Altitude of the installation's own delay, which the altimeter subtracts.
-    noise_figure_db, if_rate_hz, if_pass_hz : float
-        Receiver noise figure; rate of the IF samples; flat part of the IF filter, which is the channel filter.
-    preselector_hz, preselector_order : float
-        3 dB width about the carrier and order (Butterworth) of the filter before the amplifier.
-    p1db_dbm, iip3_dbm, iip2_dbm, isolation_db : float
-        `Amplifier` and `rectified`, referred to the amplifier's input; isolation from the transmitter's output to the
-        port. The IF's high-pass removes the static leakage, but not its modulation by a strong envelope.
-    lo_noise_dbc_per_hz, lo_far_noise_dbc_per_hz : float
-        Broadband phase noise of the transmitter, which is the local oscillator, within the sweep's band and outside it:
-        it mixes whatever is there into the IF.
-    recovery_s : float
-        Time constant with which the gain comes back after a burst.
-    converter_bits, headroom_db : float
-        `Converter`.
-    sweeps_per_output, pfa, max_altitude_ft, max_vertical_speed_m_per_s : float
-        Frames (two ramps each) per output, false alarms per output in noise, span, fastest climb.
-    unlock_loss_db : float
-        Loop loss from transmitter to port beyond which there is no computed data.
-    sigma0_db : float
-        Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up land.
-    other_altimeters, other_coupling_db : float
-        Further altimeters of this kind on the aircraft, and the loss from their transmitters to the port.
-    standing : dict of name -> (standing, source)
+    - ``carrier_hz``, ``bandwidth_hz``, ``period_s``: centre, width and one whole period of the sweep: up and down of
+      a triangle, one ramp of a sawtooth
+    - ``transmit_w``, ``gain_dbi``, ``beamwidth_deg``, ``cable_db``: power; gain and -3 dB width of each antenna
+      (Gaussian pattern); loss of each cable
+    - ``noise_figure_db``, ``if_rate_hz``, ``if_pass_hz``: receiver noise figure; rate of the IF samples; flat part of
+      the IF filter, which is the channel filter
+    - ``preselector_hz``, ``preselector_order``: 3 dB width about the carrier and order (Butterworth) of the filter
+      before the amplifier
+    - ``p1db_dbm``, ``iip3_dbm``, ``iip2_dbm``, ``isolation_db``: `Amplifier` and `rectified`, referred to the
+      amplifier's input; isolation from the transmitter's output to the port. The IF's high-pass removes the static
+      leakage, but not its modulation by a strong envelope.
+    - ``lo_noise_dbc_per_hz``, ``lo_far_noise_dbc_per_hz``: broadband phase noise of the transmitter, which is the
+      local oscillator, within the sweep's band and outside it: it mixes whatever is there into the IF
+    - ``converter_bits``, ``headroom_db``: `Converter`
+    - ``sweeps_per_output``, ``pfa``, ``max_altitude_ft``, ``max_vertical_speed_m_per_s``: frames (two ramps each) per
+      output, false alarms per output in noise, span, fastest climb
+    - ``other_altimeters``, ``other_coupling_db``: further altimeters of this kind on the aircraft, and the loss from
+      their transmitters to the port
     """
 
     name: str
     about: str
-    sweep: str
+    sweep: str  # ``triangle``, ``sawtooth_up``, ``sawtooth_down``
     carrier_hz: float
     bandwidth_hz: float
     period_s: float
@@ -126,7 +106,7 @@ class Profile:
     gain_dbi: float
     beamwidth_deg: float
     cable_db: float
-    installation_delay_ft: float
+    installation_delay_ft: float  # altitude of the installation's own delay, which the altimeter subtracts
     noise_figure_db: float
     if_rate_hz: float
     if_pass_hz: float
@@ -138,20 +118,23 @@ class Profile:
     isolation_db: float
     lo_noise_dbc_per_hz: float
     lo_far_noise_dbc_per_hz: float
-    recovery_s: float
+    recovery_s: float  # time constant with which the gain comes back after a burst
     converter_bits: int
     headroom_db: float
     sweeps_per_output: int
     pfa: float
-    unlock_loss_db: float
+    unlock_loss_db: float  # loop loss from transmitter to port beyond which there is no computed data
     max_altitude_ft: float
     max_vertical_speed_m_per_s: float
     sigma0_db: float
+    """Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up
+    land."""
     other_altimeters: int
     other_coupling_db: float
     detector: str = "fft"
-    strategy: str = "strongest"
-    standing: dict[str, tuple[str, str]] = field(default_factory=dict)
+    """``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`)."""
+    strategy: str = "strongest"  # ``strongest`` or ``leading_edge``
+    provenance: dict[str, tuple[str, str]] = field(default_factory=dict)  # by name: (provenance, source)
 
     def __post_init__(self) -> None:
         for name, allowed in _WORDS.items():
@@ -321,10 +304,7 @@ def profile_names() -> list[str]:
 def load_profile(name: str | Path) -> Profile:
     """A profile by path, or by the bare name of a shipped one.
 
-    Raises
-    ------
-    InputError
-        One line: file, key, value, what is allowed.
+    Raises `InputError`: file, key, value, what is allowed.
     """
     path = Path(name)
     if path.suffix not in (".yaml", ".yml"):
@@ -365,33 +345,35 @@ def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
 
 
 def _built(data: dict[str, Any]) -> Profile:
-    """Every number unpacked, its standing kept."""
+    """Every number unpacked, its provenance kept."""
     numbers, sources = data.pop("numbers", {}), data.pop("sources", {})
-    standing: dict[str, tuple[str, str]] = {}
+    provenance: dict[str, tuple[str, str]] = {}
     values = dict(data)
-    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "standing"}
+    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "provenance"}
     outside = sorted(needed & set(data))
     if outside:
-        raise ValueError(f"{outside[0]} stands outside numbers; give it there as [value, standing, source]")
+        raise ValueError(f"{outside[0]} stands outside numbers; give it there as [value, provenance, source]")
     for name, entry in numbers.items():
         if not (isinstance(entry, list) and len(entry) == 3):
-            raise ValueError(f"numbers.{name} is {entry!r}; expected [value, standing, source]")
+            raise ValueError(f"numbers.{name} is {entry!r}; expected [value, provenance, source]")
         value, level, source = entry
-        if level not in STANDINGS:
-            raise ValueError(f"numbers.{name} has the standing {level!r}; allowed: {', '.join(STANDINGS)}")
+        if level not in PROVENANCES:
+            raise ValueError(
+                f"numbers.{name} has the provenance {level!r}; allowed: {', '.join(PROVENANCES)}"
+            )
         if not (isinstance(source, str) and source.strip()):
             raise ValueError(
                 f"numbers.{name} has the source {source!r}; expected words: a source, or a reason"
             )
         if level != "assumed" and source not in sources:
             raise ValueError(f"numbers.{name} names the source {source!r}; sources has {', '.join(sources)}")
-        standing[name] = level, str(sources.get(source, source))
+        provenance[name] = level, str(sources.get(source, source))
         values[name] = value
     absent = sorted(needed - set(numbers))
     if absent:
         raise ValueError(
-            f"numbers.{absent[0]} is missing; every number is given as [value, standing, source]"
+            f"numbers.{absent[0]} is missing; every number is given as [value, provenance, source]"
         )
-    if "standing" in values:
-        raise ValueError("unknown key 'standing'; it stands next to each number")
-    return build(Profile, values | {"standing": standing}, "")
+    if "provenance" in values:
+        raise ValueError("unknown key 'provenance'; it stands next to each number")
+    return build(Profile, values | {"provenance": provenance}, "")

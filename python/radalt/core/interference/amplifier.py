@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..parsing import check_range
+from ..parsing import Settings, setting
 from .emitters import NamedEmitter
 from .placement import Emitter
 from .receiver_filter import decimate_window, repeated, window_guard
@@ -15,26 +15,18 @@ _OVERSAMPLING = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Amplifier:
+class Amplifier(Settings, where="amplifier"):
     """Rapp's solid-state amplifier.
 
     y = x / (1 + |x/A|^(2p))^(1/(2p)), A^2 being the mean power raised by the back-off (C. Rapp, "Effects of
     HPA-nonlinearity on a 4-DPSK/OFDM-signal for a digital sound broadcasting system", 2nd European Conf. on Satellite
     Communications, 1991). There is no conversion of amplitude to phase.
-
-    Parameters
-    ----------
-    backoff_db : float
-        Saturation power over the mean input power, -10..60 dB.
-    smoothness : float
-        p, 0.3..100: small is soft, large clips; 2 to 3 is usual for solid-state amplifiers.
     """
 
-    backoff_db: float = 8.0
-    smoothness: float = 2.0
-
-    def __post_init__(self) -> None:
-        check_range("amplifier", self, backoff_db=(-10.0, 60.0), smoothness=(0.3, 100.0))
+    backoff_db: float = setting(8.0, -10.0, 60.0)
+    """Saturation power over the mean input power."""
+    smoothness: float = setting(2.0, 0.3, 100.0)
+    """Rapp's p: small is soft, large clips; 2 to 3 is usual for solid-state amplifiers."""
 
     def amplify(self, samples: np.ndarray, mean_power: float = 1.0) -> np.ndarray:
         """(n,) complex samples, of mean power ``mean_power``, through the amplifier, small-signal gain 1."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from ..parsing import build, check_range, plain
+from ..parsing import Settings, build, plain, setting
 from ..waveform import exp_cycles
 from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
@@ -32,24 +32,16 @@ _DRAWN = 1024  # numbers of phase noise drawn at once
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhaseNoise:
+class PhaseNoise(Settings, where="phase_noise"):
     """Phase noise of the two oscillators together: a Gaussian process of first order (Lorentzian spectrum).
 
     Its autocorrelation is rms^2 exp(-2 pi bandwidth |t|), as behind a phase-locked loop of that bandwidth.
-
-    Parameters
-    ----------
-    rms_deg : float
-        0..60 degrees; 1 degree alone is an EVM of 1.7 %.
-    bandwidth_hz : float
-        One-sided 3 dB bandwidth, 1..1e6.
     """
 
-    rms_deg: float = 1.0
-    bandwidth_hz: float = 10e3
-
-    def __post_init__(self) -> None:
-        check_range("phase_noise", self, rms_deg=(0.0, 60.0), bandwidth_hz=(1.0, 1e6))
+    rms_deg: float = setting(1.0, 0.0, 60.0)
+    """Root mean square; 1 degree alone is an EVM of 1.7 %."""
+    bandwidth_hz: float = setting(10e3, 1.0, 1e6)
+    """One-sided 3 dB bandwidth."""
 
     def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
         """Draw the process: its phase in cycles as a function of time."""
@@ -74,45 +66,28 @@ class PhaseNoise:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Oscillator:
-    """Carrier frequency offset and sample clock offset of the emitter against the radar.
+class Oscillator(Settings, where="oscillator"):
+    """Carrier frequency offset and sample clock offset of the emitter against the radar."""
 
-    Parameters
-    ----------
-    carrier_offset_hz : float
-        Carrier frequency offset, -1e5..1e5.
-    clock_ppm : float
-        Sample clock offset, -100..100; positive where the emitter's clock is faster.
-    """
-
-    carrier_offset_hz: float = 0.0
-    clock_ppm: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_range("oscillator", self, carrier_offset_hz=(-1e5, 1e5), clock_ppm=(-100.0, 100.0))
+    carrier_offset_hz: float = setting(0.0, -1e5, 1e5)
+    """Carrier frequency offset."""
+    clock_ppm: float = setting(0.0, -100.0, 100.0)
+    """Sample clock offset; positive where the emitter's clock is faster."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Impairments:
-    """Impairments of one emitter, in the order of the signal path; None leaves one out.
-
-    Parameters
-    ----------
-    amplifier : Amplifier or None
-        power amplifier of the transmitter, by Rapp's model, without conversion of amplitude to phase
-    fading : FadingChannel or None
-        multipath, continuous from frame to frame in a jammer's stream; the SIR of a free-running emitter holds in the
-        mean over a channel that moves, else in every frame
-    oscillator : Oscillator or None
-        carrier frequency offset and sample clock offset against the radar
-    phase_noise : PhaseNoise or None
-        phase noise of both oscillators together, Gaussian with a Lorentzian spectrum
-    """
+    """Impairments of one emitter, in the order of the signal path; None leaves one out."""
 
     amplifier: Amplifier | None = None
+    """Power amplifier of the transmitter, by Rapp's model, without conversion of amplitude to phase."""
     fading: FadingChannel | None = None
+    """Multipath, continuous from frame to frame in a jammer's stream; the SIR of a free-running emitter holds in the
+    mean over a channel that moves, else in every frame."""
     oscillator: Oscillator | None = None
+    """Carrier frequency offset and sample clock offset against the radar."""
     phase_noise: PhaseNoise | None = None
+    """Phase noise of both oscillators together, Gaussian with a Lorentzian spectrum."""
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -333,10 +308,7 @@ def _delays(channel: FadingChannel, rate_hz: float, size: int) -> np.ndarray:
 def impaired(emitter: Emitter, data: dict[str, Any], where: str) -> Emitter:
     """The emitter with the impairments named in an interferer's mapping; unchanged without any.
 
-    Raises
-    ------
-    ValueError
-        One line with key, value and what is allowed.
+    Raises `ValueError`: one line with key, value and what is allowed.
     """
     named = {key: data[key] for key in KEYS if data.get(key) is not None}
     return ImpairedEmitter(emitter=emitter, effects=build(Impairments, named, where)) if named else emitter

@@ -7,7 +7,7 @@ import numpy as np
 # 3GPP TS 38.104 Table 6.5.2.2-1, base stations
 EVM_LIMITS = MappingProxyType({"qpsk": 0.175, "16qam": 0.125, "64qam": 0.08, "256qam": 0.035})
 TYPICAL = "typical"
-EMITTERS = "emitters: typical EVM"  # titles of the studies' figures
+EMITTERS = "emitters: half-limit EVM"  # titles of the studies' figures
 TYPICAL_EVM = MappingProxyType({name: limit / 2 for name, limit in EVM_LIMITS.items()})
 
 
@@ -25,7 +25,7 @@ def evm_fraction(evm: float | str, modulation: str) -> float:
 def evm_title(evm: float | str) -> str:
     """EVM of the transmitter, for headings."""
     if evm == TYPICAL:
-        return "typical EVM"
+        return "half-limit EVM"
     return f"EVM {100 * evm:.3g} %" if evm else "ideal"
 
 

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..parsing import LARGEST, check_range
+from ..parsing import Settings, setting
 from ..waveform import exp_cycles
 
 _LOS_DOPPLER = 0.7  # Doppler of the line of sight over the maximum, TR 38.901 clause 7.7.2
@@ -21,9 +21,8 @@ _WAVES = 32  # plane waves per tap: with Gaussian weights, the tap is exactly Ga
 class Profile:
     """A tapped delay line.
 
-    `delays` are in seconds, or in units of the delay spread if `normalised`; `powers_db` are relative mean
-    powers of the same length. `los_db`, if given, is the power of a non-fading line of sight at delay 0 on the
-    same scale.
+    `delays` are in seconds, or in units of the delay spread if `normalised`; `powers_db` are relative mean powers of
+    the same length. `los_db`, if given, is the power of a non-fading line of sight at delay 0 on the same scale.
     """
 
     delays: tuple[float, ...]
@@ -92,25 +91,17 @@ def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FadingChannel:
+class FadingChannel(Settings, where="fading"):
     """Random multipath channel; `draw` gives one of its draws, which is defined at any time.
 
-    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant
-    line of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the
-    autocorrelation J0(2 pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
-
-    Parameters
-    ----------
-    profile : 'TDL-A' .. 'TDL-E', 'EPA', 'EVA', 'ETU', 'PA' or 'RA4'
-    delay_spread_s : RMS delay spread that scales TDL profiles, 0..1e-5 (TR 38.901 Table 7.7.3-1: 10 ns very
-        short, 30 short, 100 nominal, 300 long, 1000 very long); not used by the others
-    doppler_hz : maximum Doppler f_D >= 0; 0 keeps a channel fixed within a frame
+    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant line
+    of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the autocorrelation
+    J0(2 pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
 
     Raises
     ------
     ValueError
         If the profile is unknown or a value is out of range.
-
     Example
     -------
     >>> channel = FadingChannel(profile="TDL-C", delay_spread_s=300e-9, doppler_hz=900.0)
@@ -119,16 +110,20 @@ class FadingChannel:
     """
 
     profile: str = "TDL-C"
-    delay_spread_s: float = 100e-9
-    doppler_hz: float = 0.0
+    """'TDL-A' .. 'TDL-E', 'EPA', 'EVA', 'ETU', 'PA' or 'RA4'."""
+    delay_spread_s: float = setting(100e-9, 0.0, 1e-5)
+    """RMS delay spread that scales TDL profiles, 0..1e-5 (TR 38.901 Table 7.7.3-1: 10 ns very short, 30 short, 100
+    nominal, 300 long, 1000 very long); not used by the others."""
+    doppler_hz: float = setting(0.0, 0.0, 5e4)
+    """Maximum Doppler f_D; 0 keeps a channel fixed within a frame."""
     _taps: tuple = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.profile not in PROFILES:
             raise ValueError(
                 f"fading.profile {self.profile!r} is unknown; choose one of {', '.join(PROFILES)}"
             )
-        check_range("fading", self, delay_spread_s=(0.0, 1e-5), doppler_hz=(0.0, LARGEST))
         profile = PROFILES[self.profile]
         scale = self.delay_spread_s if profile.normalised else 1.0
         power = 10.0 ** (np.array(profile.powers_db) / 10.0)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..parsing import check_range
+from ..parsing import Settings, setting
 from . import nr_sequences as seq
 from .evm import check_evm
 
@@ -26,35 +26,8 @@ _MOST_SAMPLES = 1 << 25  # longest signal at the native rate, samples: 0.5 GB
 
 
 @dataclass(frozen=True, kw_only=True)
-class NrConfig:
+class NrConfig(Settings, where="nr"):
     """An NR downlink carrier in FR1: normal cyclic prefix, one or two layers as received by one antenna.
-
-    Parameters
-    ----------
-    channel_bandwidth_hz : 5e6 (25 resource blocks of 15 kHz spacing), 10e6 (52; 24 of 30 kHz) and so on to 50e6, with
-        30 kHz to 100e6 (273); TS 38.101-1 Table 5.3.2-1
-    subcarrier_spacing_hz : 15e3 or 30e3
-    cell_id : physical cell identity, 0..1007
-    modulation : PDSCH modulation, 'qpsk', '16qam', '64qam' or '256qam'; 'mixed' draws one for each user, that is each
-        resource block group (TS 38.214 Table 5.1.2.2.1-1, configuration 1) in each slot
-    power_spread_db : users' powers are drawn evenly between this many dB below the strongest and 0, 0..30; a user is a
-        resource block group in a slot
-    load : fraction of the resource blocks given to PDSCH in each slot, 0..1; one contiguous allocation at a
-        random place (type 1, not interleaved)
-    pdcch_load : fraction of the CORESET's control channel elements in use, 0..1
-    ssb_indices : SS/PBCH blocks sent in half-frame 0, in the middle of the carrier, distinct, each 0..7; empty for none
-    frame_count : number of different 10 ms frames before the signal repeats, 1..100
-    seed : seed of the payload bits, the allocations, the precoders and the error vectors
-    evm : error vector magnitude of the transmitter, RMS fraction of the mean PDSCH element's amplitude, 0..1: complex
-        white, drawn for every element of every radio frame, before the prefix is copied. 'typical' is half the limit of
-        TS 38.104 Table 6.5.2.2-1 for the element's modulation: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM
-    precoding : a phase, and an amplitude within 6 dB, drawn for every group of four resource blocks and slot, of PDSCH
-        and its DM-RS
-    second_layer_db : power of a second layer (DM-RS port 1001) on the same elements against the first, -40..20; None
-        for one layer
-    tdd : pattern of slots, such as 'DDDSU': downlink, special (10 downlink symbols, then a gap and uplink), uplink,
-        which is not simulated; its length divides a radio frame's. Empty is downlink only
-    csi_rs : whether the tracking reference signal (a CSI-RS of one port, density 3) is sent, in two slots of a frame
 
     Raises
     ------
@@ -63,22 +36,46 @@ class NrConfig:
     """
 
     channel_bandwidth_hz: float = 5e6
+    """5e6 (25 resource blocks of 15 kHz spacing), 10e6 (52; 24 of 30 kHz) and so on to 50e6, with 30 kHz to 100e6
+    (273); TS 38.101-1 Table 5.3.2-1."""
     subcarrier_spacing_hz: float = SUBCARRIER_SPACING_HZ
+    """15e3 or 30e3."""
     cell_id: int = 0
+    """Physical cell identity, 0..1007."""
     modulation: str = "64qam"
-    power_spread_db: float = 0.0
-    load: float = 1.0
-    pdcch_load: float = 0.5
+    """PDSCH modulation, 'qpsk', '16qam', '64qam' or '256qam'; 'mixed' draws one for each user, that is each resource
+    block group (TS 38.214 Table 5.1.2.2.1-1, configuration 1) in each slot."""
+    power_spread_db: float = setting(0.0, 0.0, 30.0)
+    """Users' powers are drawn evenly between this many dB below the strongest and 0; a user is a resource
+    block group in a slot."""
+    load: float = setting(1.0, 0.0, 1.0)
+    """Fraction of the resource blocks given to PDSCH in each slot; one contiguous allocation at a random place
+    (type 1, not interleaved)."""
+    pdcch_load: float = setting(0.5, 0.0, 1.0)
+    """Fraction of the CORESET's control channel elements in use."""
     ssb_indices: tuple[int, ...] = (0,)
-    frame_count: int = 1
-    seed: int = 0
+    """SS/PBCH blocks sent in half-frame 0, in the middle of the carrier, distinct, each 0..7; empty for none."""
+    frame_count: int = setting(1, 1, 100)
+    """Number of different 10 ms frames before the signal repeats."""
+    seed: int = setting(0, 0, 2**63 - 1)
+    """Seed of the payload bits, the allocations, the precoders and the error vectors."""
     evm: float | str = 0.0
+    """Error vector magnitude of the transmitter, RMS fraction of the mean PDSCH element's amplitude, 0..1: complex
+    white, drawn for every element of every radio frame, before the prefix is copied. 'typical' is half the limit of
+    TS 38.104 Table 6.5.2.2-1 for the element's modulation: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM."""
     precoding: bool = False
-    second_layer_db: float | None = None
+    """A phase, and an amplitude within 6 dB, drawn for every group of four resource blocks and slot, of PDSCH and its
+    DM-RS."""
+    second_layer_db: float | None = setting(None, -40.0, 20.0)
+    """Power of a second layer (DM-RS port 1001) on the same elements against the first; None for one layer."""
     tdd: str = ""
+    """Pattern of slots, such as 'DDDSU': downlink, special (10 downlink symbols, then a gap and uplink), uplink,
+    which is not simulated; its length divides a radio frame's. Empty is downlink only."""
     csi_rs: bool = False
+    """Whether the tracking reference signal (a CSI-RS of one port, density 3) is sent, in two slots of a frame."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.subcarrier_spacing_hz not in RESOURCE_BLOCKS:
             raise ValueError(
                 f"subcarrier_spacing_hz {self.subcarrier_spacing_hz:g} is not supported; choose 15e3 or 30e3"
@@ -95,16 +92,6 @@ class NrConfig:
             raise ValueError(
                 f"modulation {self.modulation!r} is unknown; choose one of {', '.join(MODULATIONS)}"
             )
-        check_range(
-            "nr",
-            self,
-            power_spread_db=(0.0, 30.0),
-            load=(0.0, 1.0),
-            pdcch_load=(0.0, 1.0),
-            second_layer_db=(-40.0, 20.0),
-            seed=(0, 2**63 - 1),
-            frame_count=(1, 100),
-        )
         check_evm("nr", self.evm)
         if self.tdd and (set(self.tdd) - set(DOWNLINK_SYMBOLS) or self.slots_per_frame % len(self.tdd)):
             raise ValueError(

@@ -107,8 +107,8 @@ def _place_pdcch(
 ) -> None:
     """CORESET over the largest multiple of six resource blocks from block 0, not interleaved (7.3.2.2).
 
-    A CCE is six REGs numbered time first, that is 6/duration resource blocks over all CORESET symbols. DM-RS
-    on subcarriers 1, 5, 9 of each REG in use (7.4.1.3.2, precoder granularity of a REG bundle).
+    A CCE is six REGs numbered time first, that is 6/duration resource blocks over all CORESET symbols. DM-RS on
+    subcarriers 1, 5, 9 of each REG in use (7.4.1.3.2, precoder granularity of a REG bundle).
     """
     duration = CORESET_SYMBOLS
     width = 6 // duration
@@ -248,8 +248,8 @@ def _payload(
 def resource_grid(config: NrConfig, rng: np.random.Generator) -> ResourceGrid:
     """Resource elements a_{k,l} of one 10 ms frame.
 
-    Returns a `ResourceGrid` of shape (12 N_RB, 140): subcarrier 0 is the lowest, column 14 slot + symbol.
-    PDSCH, PBCH and PDCCH elements have unit mean power; `rng` gives payload bits and allocations.
+    Returns a `ResourceGrid` of shape (12 N_RB, 140): subcarrier 0 is the lowest, column 14 slot + symbol. PDSCH, PBCH
+    and PDCCH elements have unit mean power; `rng` gives payload bits and allocations.
     """
     shape = (config.subcarriers, config.slots_per_frame * SYMBOLS_PER_SLOT)
     evm = None

@@ -13,8 +13,8 @@ BITS_PER_SYMBOL = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}  # clauses 5.
 def _extend_lfsr(state: np.ndarray, taps: tuple[int, ...], length: int) -> np.ndarray:
     """Run x(n+31) = sum x(n+tap) mod 2 from `state` (rows, 31) to (rows, length), in O(log length) steps.
 
-    Squaring a polynomial over GF(2) doubles its exponents (Frobenius), so the sequence also obeys
-    x(n + 31 q) = sum x(n + tap q) for q = 1, 2, 4 and so on. The longer the known part, the longer the next block.
+    Squaring a polynomial over GF(2) doubles its exponents (Frobenius), so the sequence also obeys x(n + 31 q) = sum
+    x(n + tap q) for q = 1, 2, 4 and so on. The longer the known part, the longer the next block.
     """
     known = state
     longest_reach = GOLD_DEGREE - max(taps)
@@ -32,21 +32,9 @@ def _extend_lfsr(state: np.ndarray, taps: tuple[int, ...], length: int) -> np.nd
 def gold_sequence(c_init: int | np.ndarray, length: int) -> np.ndarray:
     """Length-31 Gold sequence c(n), TS 38.211 clause 5.2.1.
 
-    Parameters
-    ----------
-    c_init : int or integer array of shape (...,)
-        Initial value of the second m-sequence, 0 <= c_init < 2**31.
-    length : int
-        Number of bits, >= 0.
-
-    Returns
-    -------
-    uint8 array of shape (..., length), values 0 and 1.
-
-    Raises
-    ------
-    ValueError
-        If `c_init` does not fit in 31 bits or `length` is negative.
+    ``c_init`` (int or integer array of shape (...,)): initial value of the second m-sequence, 0 <= c_init < 2**31;
+    ``length``: number of bits, >= 0. Returns uint8 array of shape (..., length), values 0 and 1. Raises `ValueError`
+    if `c_init` does not fit in 31 bits or `length` is negative.
     """
     init = np.asarray(c_init, dtype=np.int64)
     if length < 0:
@@ -110,8 +98,8 @@ def sss(cell_id: int) -> np.ndarray:
 def pbch_dmrs(cell_id: int, i_ssb: int) -> np.ndarray:
     """PBCH DM-RS, clause 7.4.1.4.1: (144,) complex128.
 
-    `i_ssb` is the i-bar of the clause, 0..7: for L_max = 4 the two low bits of the block index plus 4 times
-    the half-frame number, else the three low bits of the index.
+    `i_ssb` is the i-bar of the clause, 0..7: for L_max = 4 the two low bits of the block index plus 4 times the
+    half-frame number, else the three low bits of the index.
     """
     check_cell_id(cell_id)
     if not 0 <= i_ssb <= 7:

@@ -15,22 +15,13 @@ def prefix_snr_db(samples: np.ndarray, rate_hz: float) -> float | None:
     """Ratio of the OFDM's power to all other power, in decibels; None where no OFDM is found.
 
     In the prefix ``x[n] = s[n] + v[n]`` and ``x[n + N] = s[n] exp(j phi) + v[n + N]``. N samples are the inverse of
-    the subcarrier spacing. The coherence ``gamma = |<x[n] x*[n+N]>| / <(|x[n]|^2 + |x[n+N]|^2) / 2>`` is then
-    S / (S + V), and the ratio is gamma / (1 - gamma) (J.-J. van de Beek et al., "ML estimation of time and frequency
-    offset in OFDM systems", IEEE Trans. Signal Process. 45(7), 1997).
+    the subcarrier spacing. The coherence ``gamma = |<x[n] x*[n+N]>| / <(|x[n]|^2 + |x[n+N]|^2) / 2>`` is then S / (S
+    + V), and the ratio is gamma / (1 - gamma) (J.-J. van de Beek et al., "ML estimation of time and frequency offset
+    in OFDM systems", IEEE Trans. Signal Process. 45(7), 1997).
 
-    Parameters
-    ----------
-    samples : np.ndarray
-        (n,) complex, at least 3 ms; the first 40 ms are used.
-    rate_hz : float
-        Complex sample rate.
-
-    Returns
-    -------
-    float or None
-        At most 20 dB, which stands for 20 dB or more. Detects OFDM of 15 and 30 kHz spacing with the normal prefix (LTE
-        and 5G NR). Changes within a symbol (fading, phase noise) count as noise, as for a demodulator.
+    ``samples``: (n,) complex, at least 3 ms; the first 40 ms are used; ``rate_hz``: complex sample rate. Returns at
+    most 20 dB, which stands for 20 dB or more. Detects OFDM of 15 and 30 kHz spacing with the normal prefix (LTE and
+    5G NR). Changes within a symbol (fading, phase noise) count as noise, as for a demodulator.
     """
     step_hz = _SPACINGS_HZ[-1]
     even_hz = max(step_hz, round(rate_hz / step_hz) * step_hz)  # whole samples in a symbol and in a cycle

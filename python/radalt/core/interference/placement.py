@@ -16,9 +16,9 @@ class Emitter(Protocol):
     """Protocol of an emitter.
 
     An emitter may also have ``write(span, mean_power, rate_hz, rng) -> bool``. It writes samples of power
-    ``mean_power`` into ``span`` (complex64 or complex128) where this is faster than `samples`, and returns False if it
-    wrote and drew nothing. With ``begin(rate_hz, rng)`` it is a function of time (see `transmission`) and goes on from
-    frame to frame in a stream; without, a stream draws it anew every 40 frames.
+    ``mean_power`` into ``span`` (complex64 or complex128) where this is faster than `samples`, and returns False if
+    it wrote and drew nothing. With ``begin(rate_hz, rng)`` it is a function of time (see `transmission`) and goes on
+    from frame to frame in a stream; without, a stream draws it anew every 40 frames.
     """
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -28,28 +28,19 @@ class Emitter(Protocol):
 
 @dataclass(frozen=True)
 class Interferer:
-    """An emitter and how it is placed in every frame.
-
-    Parameters
-    ----------
-    emitter : Emitter
-        The waveform.
-    sir_db : float
-        Signal-to-interference ratio, both powers averaged over the frame; a shorter burst at the same SIR
-        is therefore stronger while it lasts.
-    overlap : float
-        Active fraction ``rho`` of the frame, 0..1; any value above 0 stands for at least one sample.
-    start : float or None
-        Burst start as a fraction of the frame; None draws it uniformly so that the burst lies inside the frame.
-    free_running : bool
-        In a live jammer source: a burst grid that is not synchronised to the sweep (`JammerStream`).
-    """
+    """An emitter and how it is placed in every frame."""
 
     emitter: Emitter
+    """The waveform."""
     sir_db: float = -10.0
+    """Signal-to-interference ratio, both powers averaged over the frame; a shorter burst at the same SIR is therefore
+    stronger while it lasts."""
     overlap: float = 1.0
+    """Active fraction ``rho`` of the frame, 0..1; any value above 0 stands for at least one sample."""
     start: float | None = None
+    """Burst start as a fraction of the frame; None draws it uniformly so that the burst lies inside the frame."""
     free_running: bool = False
+    """In a live jammer source: a burst grid that is not synchronised to the sweep (`JammerStream`)."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.overlap <= 1:

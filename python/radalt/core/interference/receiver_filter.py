@@ -68,9 +68,9 @@ def rate_ratio(rate_hz: float, source_rate_hz: float) -> Fraction:
 def resample_periodic(samples: np.ndarray, source_rate_hz: float, rate_hz: float) -> np.ndarray:
     """Receiver filter and polyphase resampling (scipy.signal.resample_poly) of one period of a periodic signal.
 
-    ``samples`` is (N,) complex at ``source_rate_hz``.
-    Returns (N rate/source_rate,) complex128; the result repeats without a seam and is not delayed.
-    Raises ValueError if the period is not a whole number of output samples or the ratio is not small.
+    ``samples`` is (N,) complex at ``source_rate_hz``. Returns (N rate/source_rate,) complex128; the result repeats
+    without a seam and is not delayed. Raises ValueError if the period is not a whole number of output samples or the
+    ratio is not small.
     """
     ratio = rate_ratio(rate_hz, source_rate_hz)
     if (samples.size * ratio.numerator) % ratio.denominator:

@@ -59,11 +59,7 @@ def _unit_gain(power: float) -> float:
 class InFrames:
     """Place of the next samples of an emitter that goes on from frame to frame.
 
-    Parameters
-    ----------
-    emitter : Emitter
-    frame_samples : int
-        Samples between the starts of two frames.
+    ``frame_samples``: samples between the starts of two frames.
     """
 
     def __init__(self, emitter: object, frame_samples: int) -> None:
@@ -85,15 +81,11 @@ class InFrames:
 class Transmission(InFrames):
     """A transmitter that goes on from frame to frame: emitter protocol.
 
-    Its samples depend on the draw at its first call and on their numbers only, whatever was asked for before. Symbols,
-    carrier phase, timing and fading run on while it is gated off.
+    Its samples depend on the draw at its first call and on their numbers only, whatever was asked for before.
+    Symbols, carrier phase, timing and fading run on while it is gated off.
 
-    Parameters
-    ----------
-    emitter, frame_samples
-        See `InFrames`.
-    steady : bool
-        Constant gain: the SIR holds in the long run, before fading. Otherwise every frame is scaled to the SIR.
+    ``emitter``, ``frame_samples``: see `InFrames`; ``steady``: constant gain: the SIR holds in the long run, before
+    fading. Otherwise every frame is scaled to the SIR.
     """
 
     def __init__(self, emitter: object, frame_samples: int, *, steady: bool = False) -> None:

@@ -11,11 +11,11 @@ import inspect
 import pkgutil
 import re
 
+from ..altimeter.altimeter_settings import AltimeterSettings
+from ..altimeter.frame_quality import FrameQuality
 from ..cores import allowed_cores
 from ..parsing import allowed, arguments, shown
 from ..plugins import load_plugins
-from ..receiver.altimeter_settings import AltimeterSettings
-from ..receiver.frame_quality import FrameQuality
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
 from .blanking import Blanking

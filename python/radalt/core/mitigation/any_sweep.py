@@ -40,14 +40,9 @@ _MOST_LONGER = 1.15  # longest resampled frame over the frame, to find a length 
 class Layout:
     """Sizes of the network for one sweep.
 
-    Attributes
-    ----------
-    hop, columns : int
-        Samples per column (even) and columns (even); a frame is resampled to ``hop * columns``.
-    group : int
-        Cells of the frame's spectrum that share a gain.
-    factors : (int, int, int)
-        Of the number of samples, the first a multiple of ``group``: the lengths of the spectrum's three partial DFTs.
+    ``hop``, ``columns``: samples per column (even) and columns (even); a frame is resampled to ``hop * columns``;
+    ``group``: cells of the frame's spectrum that share a gain; ``factors`` (int, int, int): of the number of samples,
+    the first a multiple of ``group``: the lengths of the spectrum's three partial DFTs.
     """
 
     hop: int
@@ -64,10 +59,7 @@ class Layout:
 def layout_of(waveform: Waveform, span_m: float | None = None) -> Layout:
     """Sizes for a sweep and the highest altitude that has to pass; None, and less than 1500 m, take 1500 m.
 
-    Raises
-    ------
-    MitigationError
-        If the sweep lies outside `SERVED`; names value, limit and remedy.
+    Raises `MitigationError` if the sweep lies outside `SERVED`; names value, limit and remedy.
     """
     for key, (low, high) in SERVED.items():
         value = getattr(waveform, key)

@@ -7,7 +7,7 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from ..receiver.frame_quality import levels, rail_peak
+from ..altimeter.frame_quality import levels, rail_peak
 from ..usual_errors import usual_errors
 from ..waveform import Waveform
 
@@ -20,21 +20,15 @@ class MitigationError(ValueError):
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """How a method is drawn, the same in every figure.
-
-    Attributes
-    ----------
-    colour : str
-        ``#RRGGBB``, of Okabe and Ito's palette where one is left: distinguishable with any colour vision.
-    marker : str
-        In matplotlib's letters.
-    line : str or (offset, (on, off, ...))
-        Solid ``"-"``, or dashes in points; marker and line tell methods apart in grey as well.
-    """
+    """How a method is drawn, the same in every figure."""
 
     colour: str
+    """``#RRGGBB``, of Okabe and Ito's palette where one is left: distinguishable with any colour vision."""
     marker: str = "o"
+    """In matplotlib's letters."""
     line: str | tuple[float, tuple[float, ...]] = "-"
+    """(str or (offset, (on, off, ...))): solid ``"-"``, or dashes in points; marker and line tell methods apart in
+    grey as well."""
 
 
 class Mitigation(ABC):
@@ -52,8 +46,8 @@ class Mitigation(ABC):
     style : PlotStyle or None
         Style in figures; None takes the next unused one.
     batch : int
-        Default number of frames per call of a block. More frames share the cost of a call. It is
-        1 for networks: their last bits depend on the batch, and results must not depend on the load.
+        Default number of frames per call of a block. More frames share the cost of a call. It is 1 for networks:
+        their last bits depend on the batch, and results must not depend on the load.
     runs_network : bool
         Whether it needs ONNX Runtime.
     frames : int
@@ -95,13 +89,13 @@ class Mitigation(ABC):
         self.diverged_frames = 0
         self.beyond_frames = 0
 
-    @usual_errors
+    @usual_errors()
     def process(self, frames: np.ndarray, quality: np.ndarray | None = None) -> np.ndarray:
         """Clean ``(n, N)`` or ``(N,)`` complex64 frames; the input is left untouched.
 
-        Frames are taken in the order given; splitting a batch does not change the result. A frame that is not
-        finite gives a frame of NaN and does not touch the state, so the frame after it is right again. ``quality`` is
-        (n,) of `QUALITY_DTYPE` where the frames' is known already.
+        Frames are taken in the order given; splitting a batch does not change the result. A frame that is not finite
+        gives a frame of NaN and does not touch the state, so the frame after it is right again. ``quality`` is (n,)
+        of `QUALITY_DTYPE` where the frames' is known already.
         """
         frames = np.asarray(frames, dtype=np.complex64)
         if frames.shape[-1] != self.waveform.samples_per_frame or frames.ndim not in (1, 2):

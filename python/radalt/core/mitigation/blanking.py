@@ -13,21 +13,15 @@ _SAMPLE = 17  # stride of the sample in cells: no divisor of a window, so that a
 class Blanking(Mitigation):
     """Short-time Fourier transform, per-cell threshold, zeroing, resynthesis.
 
-    Parameters
-    ----------
-    window : int
-        STFT length in samples (Hann, three quarters overlap). 64 samples at 7.5 MS/s are about the square root of the
-        sweep's time-bandwidth product, where the return is narrowest.
-    threshold_db : float
-        A cell is excised when it exceeds the robust level of its kind (in the return mask or not) by this much.
-    max_altitude_m : float
-        Highest altitude whose return must not be excised; widens the return mask.
-
-    Notes
-    -----
     A return exceeds the noise in the plane just as interference does. Its cells are known, since frames are aligned
     with the sweep: within this return mask a cell is compared with the mask's own level, elsewhere with the frame's
     quiet cells.
+
+    - ``window``: STFT length in samples (Hann, three quarters overlap). 64 samples at 7.5 MS/s are about the square
+      root of the sweep's time-bandwidth product, where the return is narrowest
+    - ``threshold_db``: a cell is excised when it exceeds the robust level of its kind (in the return mask or not) by
+      this much
+    - ``max_altitude_m``: highest altitude whose return must not be excised; widens the return mask
     """
 
     name = "blanking"

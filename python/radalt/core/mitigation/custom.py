@@ -22,20 +22,12 @@ class Custom(Mitigation):
     """The method of a Python file, checked on one frame when it is loaded.
 
     The file holds either a function ``mitigate(frames, waveform)`` or one subclass of `Mitigation`. The function gets
-    ``(n, N)`` complex64 frames aligned with the sweep and the `Waveform`, and returns cleaned frames of the same shape.
-    The subclass may keep state from frame to frame. The file is executed: use it as you would any program.
+    ``(n, N)`` complex64 frames aligned with the sweep and the `Waveform`, and returns cleaned frames of the same
+    shape. The subclass may keep state from frame to frame. The file is executed: use it as you would any program.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    file : path
-        Python file.
-
-    Raises
-    ------
-    MitigationError
-        If the file cannot be read or run, holds no method, or the method returns anything but frames; names the file,
-        what is wrong and where. The same for whatever the method raises later.
+    ``file``: Python file. Raises `MitigationError` if the file cannot be read or run, holds no method, or the method
+    returns anything but frames; names the file, what is wrong and where. The same for whatever the method raises
+    later.
 
     Examples
     --------

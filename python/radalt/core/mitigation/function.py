@@ -19,10 +19,7 @@ MethodLike: TypeAlias = str | type[Mitigation] | _Function
 def function_method(function: _Function) -> type[Mitigation]:
     """The method of a function ``mitigate(frames, waveform)``, under the function's name.
 
-    Raises
-    ------
-    MitigationError
-        If it is not callable or has no name, as a ``lambda``.
+    Raises `MitigationError` if it is not callable or has no name, as a ``lambda``.
     """
     called = getattr(function, "__name__", "")
     if not callable(function) or not called.isidentifier():
@@ -64,10 +61,7 @@ def _digest(function: Callable[..., Any]) -> str:
 def as_methods(methods: Sequence[MethodLike]) -> Iterator[tuple[str, ...]]:
     """Names of methods that the registry knows while this block lasts, functions and classes included.
 
-    Raises
-    ------
-    MitigationError
-        If a function or class has the name of another method.
+    Raises `MitigationError` if a function or class has the name of another method.
     """
     added: list[str] = []
     names: list[str] = []

@@ -30,35 +30,24 @@ class Hybrid(Mitigation):
     Card: *choice by signal.* A frame that shows no interference passes. An emitter that was cancelled in the frame
     before is tracked. Otherwise OFDM and QPSK are searched, unless the return stands out already. A frame that cannot
     be cancelled goes to the network as it is. So does one that was cancelled, but held a burst of QPSK or shows no
-    return yet: the network may know what error vectors hide. Where one return alone is left of it, this is the result.
-    Otherwise what the canceller left is, through the network if the frame held a burst that was not blanked, or if what
-    is left is coloured and not consistent with one return: symbols that the frame cuts, other emitters.
+    return yet: the network may know what error vectors hide. Where one return alone is left of it, this is the
+    result. Otherwise what the canceller left is, through the network if the frame held a burst that was not blanked,
+    or if what is left is coloured and not consistent with one return: symbols that the frame cuts, other emitters.
 
     Every frame is searched that has to be, unless frames may be dropped. Then searches have a budget: each frame adds
     a quarter of the time that it lasts, a search spends its cost in FFTs, and none begins while the balance is
-    negative. So searches take a quarter of real time, whatever is received, and what cannot be tracked is searched once
-    in some 10 to 100 frames. The balance starts full: the first frame after `reset` is always searched.
+    negative. So searches take a quarter of real time, whatever is received, and what cannot be tracked is searched
+    once in some 10 to 100 frames. The balance starts full: the first frame after `reset` is always searched.
 
-    Parameters
-    ----------
-    other : str
-        For all other frames: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
-    span_m : float or None
-        See `OfdmCancel`.
-    drop_when_slow : bool
-        Whether frames are dropped where the method is too slow, as the frame segmenter drops them with a radio.
+    - ``other``: for all other frames: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX
+      Runtime.
+    - ``span_m``: see `OfdmCancel`
+    - ``drop_when_slow``: whether frames are dropped where the method is too slow, as the frame segmenter drops them
+      with a radio
+    - ``cancelled``: frames whose OFDM or QPSK was cancelled
+    - ``searched``: frames that were searched
 
-    Attributes
-    ----------
-    cancelled : int
-        Frames whose OFDM or QPSK was cancelled.
-    searched : int
-        Frames that were searched.
-
-    Raises
-    ------
-    MitigationError
-        As the methods that it chooses from, or if ``other`` is neither.
+    Raises `MitigationError`: as the methods that it chooses from, or if ``other`` is neither.
     """
 
     name = "hybrid"

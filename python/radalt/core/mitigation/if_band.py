@@ -11,16 +11,8 @@ _WIDTH = 4.0  # band over the highest beat: room for skirts and for the reach of
 class IfBand:
     """Dechirped half sweeps within a band about zero; positive beats are altitudes in both halves.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    max_altitude_m : float
-        Highest altitude, > 0; the band is four times its beat, at most the sample rate.
-
-    Attributes
-    ----------
-    samples : int
-        Samples M of a half sweep in the band.
+    ``max_altitude_m``: highest altitude, > 0; the band is four times its beat, at most the sample rate. ``samples``:
+    samples M of a half sweep in the band.
     """
 
     def __init__(self, waveform: Waveform, max_altitude_m: float) -> None:

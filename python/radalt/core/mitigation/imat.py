@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import fft
 
-from ..receiver.altimeter_settings import AltimeterSettings
+from ..altimeter.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 from .if_band import IfBand
@@ -21,24 +21,16 @@ class Imat(Mitigation):
     dropped; ``z <- received where kept, else IDFT(DFT(z) where above T_k)`` with ``T_k = T_0 exp(-0.35 k)`` fills the
     gap with what is sparse in frequency, the return.
 
-    Parameters
-    ----------
-    threshold_db : float
-        Above 0; over the level of noise alone.
-    iterations : int
-        1..100.
-    span_m : float or None
-        Highest altitude; None takes the altimeter's.
-
-    Notes
-    -----
     F. Marvasti et al., "Sparse signal processing using iterative method with adaptive thresholding (IMAT)", ICT 2012;
     for FMCW radar J. Bechter et al., "Automotive radar interference mitigation using a sparse sampling approach",
     EuRAD 2017. Interference that lasts for the whole sweep stands out nowhere.
+
+    ``threshold_db``: above 0; over the level of noise alone; ``iterations``: 1..100; ``span_m``: highest altitude;
+    None takes the altimeter's.
     """
 
     name = "imat"
-    style = PlotStyle("#44AA99", "v", (0, (4, 2)))
+    style = PlotStyle("#44CC66", "v", (0, (4, 2)))
 
     def __init__(
         self,

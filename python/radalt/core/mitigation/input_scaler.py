@@ -15,14 +15,8 @@ _DRAW = ((1, 31, 1021, 7919), (4099, 127, 257, 2053))  # weights of the first sa
 class InputScaler:
     """Writes complex frames into a network's real input, normalised and dithered.
 
-    Parameters
-    ----------
-    normalisation : str
-        One of `NORMALISATIONS`.
-    samples : int
-        Samples of a frame inside the network.
-    dither_db : float or None
-        White noise relative to the frame's power.
+    ``normalisation``: one of `NORMALISATIONS`; ``samples``: samples of a frame inside the network; ``dither_db``:
+    white noise relative to the frame's power.
     """
 
     def __init__(self, normalisation: str, samples: int, dither_db: float | None) -> None:
@@ -32,8 +26,8 @@ class InputScaler:
     def fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
         """Normalise a frame (N,) into rails (2, N) and add the dither.
 
-        Returns the frame's level, and the factor that undoes the scale: 0 for a frame of zeros, for which a network may
-        put out a signal.
+        Returns the frame's level, and the factor that undoes the scale: 0 for a frame of zeros, for which a network
+        may put out a signal.
         """
         rails[0], rails[1] = frame.real, frame.imag
         level = _level(rails)

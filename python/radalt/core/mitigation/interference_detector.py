@@ -30,19 +30,13 @@ _STANDS_OUT = 63.0
 class InterferenceDetector:
     """Residual-to-return detector.
 
-    Parameters
-    ----------
-    waveform : Waveform
-
-    Notes
-    -----
     A frame counts as interfered from a residual of -8 dB over the return on, so every frame with an SNR below 8 dB
     does. At an SNR of 10 dB, less than one in 10^3 frames with interference at a window SIR of 10 dB or below is
     missed, and less than one clean frame in 10^3 counts as interfered: measured for QPSK, tones, NR and radar pulses
     down to an overlap of 0.05 (``tests/test_detector.py``).
 
-    An interferer that sweeps along with the radar is a ghost target, a tone itself, and not found here. A ground return
-    that spreads over many cells counts as interference: the network then runs, which is the safe side.
+    An interferer that sweeps along with the radar is a ghost target, a tone itself, and not found here. A ground
+    return that spreads over many cells counts as interference: the network then runs, which is the safe side.
 
     Examples
     --------

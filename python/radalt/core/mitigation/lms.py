@@ -7,7 +7,7 @@ repaired; `Nlms` is the repaired method.
 
 import numpy as np
 
-from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
+from ..altimeter.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError, PlotStyle
 
@@ -20,35 +20,26 @@ _CHECKED = 8  # blocks whose weights are checked together: a check costs as much
 class BlockLms(Mitigation):
     """Block LMS: ``y = X w``, ``w += mu X^H (d - y)`` once per block.
 
-    Parameters
-    ----------
-    length : int
-        Filter length ``L`` (paper: 32).
-    block : int
-        Samples between weight updates (paper: 100); has to divide the frame or the last block is shorter.
-    step : float
-        Step size ``mu`` (paper: 1e-4), not normalised.
-    wiring : str
-        ``"reference_desired"``: the received frame is filtered towards the reference sweep.
-        ``"reference_input"``: the reference sweep is filtered towards the received frame, the output being the part
-        of the frame that the reference explains. Delays up to ``length`` samples can be explained (20 m per sample).
-    span_m : float or None
-        With the reference as input: highest altitude up to which the output is checked. None: 1500 m, as in the
-        altimeter, or the filter's reach where that is lower.
-    restart : bool
-        Start every frame from zero weights. Kept weights hold the altitude of the last frames, and a frame at another
-        altitude then shows the old one. Keeping them helps in a static channel.
-
-    Notes
-    -----
     On divergence (weights beyond 1e6 or not finite) the rest of the frame is silent, the frame is counted in
     ``diverged_frames`` and adaptation starts anew with the next frame.
 
-    With the reference as input the output is a sum of delayed sweeps whatever is received: noise, Doppler and altitudes
-    beyond the filter all become an altitude. A frame is therefore silenced, and counted in ``unconfirmed_frames``,
-    unless its strongest beats also exceed the noise of the received frame. Weights that change once per block put
-    images next to the return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one half sweep and as strong as
-    it in the other. Images of a return within the span are harmless; those of a return beyond it would be declared.
+    With the reference as input the output is a sum of delayed sweeps whatever is received: noise, Doppler and
+    altitudes beyond the filter all become an altitude. A frame is therefore silenced, and counted in
+    ``unconfirmed_frames``, unless its strongest beats also exceed the noise of the received frame. Weights that
+    change once per block put images next to the return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one
+    half sweep and as strong as it in the other. Images of a return within the span are harmless; those of a return
+    beyond it would be declared.
+
+    - ``length``: filter length ``L`` (paper: 32)
+    - ``block``: samples between weight updates (paper: 100); has to divide the frame or the last block is shorter
+    - ``step``: step size ``mu`` (paper: 1e-4), not normalised
+    - ``wiring``: ``"reference_desired"``: the received frame is filtered towards the reference sweep.
+      ``"reference_input"``: the reference sweep is filtered towards the received frame, the output being the part of
+      the frame that the reference explains. Delays up to ``length`` samples can be explained (20 m per sample).
+    - ``span_m``: with the reference as input: highest altitude up to which the output is checked. None: 1500 m, as in
+      the altimeter, or the filter's reach where that is lower.
+    - ``restart``: start every frame from zero weights. Kept weights hold the altitude of the last frames, and a frame
+      at another altitude then shows the old one. Keeping them helps in a static channel.
     """
 
     name = "lms"
@@ -207,8 +198,8 @@ class BlockLmsReferenceInput(BlockLms):
 
     It declares 3 to 9 % of frames of noise, and 2 to 5 % of those of interference alone (allowed speeds 150 to 0 m/s;
     ``detection.py --methods lms_reference_input --frames 0 --null-frames 40 --noise-frames 1000 --seed 909``). The
-    weights keep a remnant of either, which gives both half sweeps the same delay. `Nlms` checks it against the received
-    frame; this class keeps the paper's setting.
+    weights keep a remnant of either, which gives both half sweeps the same delay. `Nlms` checks it against the
+    received frame; this class keeps the paper's setting.
     """
 
     name = "lms_reference_input"
@@ -229,17 +220,15 @@ class BlockLmsReferenceInput(BlockLms):
 class Nlms(BlockLms):
     """Block LMS with the step normalised by the block's energy: ``mu / trace(X^H X)``, 0 < ``mu`` < 2.
 
-    The bound ``mu lambda_max < 2`` then holds for every input power, because the trace of ``X^H X`` bounds its largest
-    eigenvalue (S. Haykin, Adaptive Filter Theory, 4th ed., ch. 6).
+    The bound ``mu lambda_max < 2`` then holds for every input power, because the trace of ``X^H X`` bounds its
+    largest eigenvalue (S. Haykin, Adaptive Filter Theory, 4th ed., ch. 6).
 
-    Notes
-    -----
     The defaults are the best of those measured (docs/stability.md): the reference as input, 96 taps for delays up to
     1900 m, a fresh start with every frame. With the reference as desired signal every altitude comes out as zero.
 
     The weights keep a remnant of noise, which gives both half sweeps the same delay: 5 % of frames without a return
-    would be declared. So the received frame has to show the delay as well, with 1e-4 false alarms per pair of
-    cells. That leaves 1 % and costs less than 0.01 in Pd.
+    would be declared. So the received frame has to show the delay as well, with 1e-4 false alarms per pair of cells.
+    That leaves 1 % and costs less than 0.01 in Pd.
     """
 
     name = "nlms"

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..receiver.altimeter_settings import AltimeterSettings
+from ..altimeter.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.arrays import power
 from .ofdm.burst_detection import loud_burst
-from .ofdm.iterative_receiver import IterativeReceiver, Reception
+from .ofdm.iterative_receiver import ITERATION_FFTS, IterativeReceiver, Reception
 from .ofdm.numerology import Numerology
 from .ofdm.return_estimation import ReturnEstimator
 from .ofdm.return_mask import ReturnMask
@@ -19,14 +19,8 @@ from .ofdm.tone_removal import without_tones
 from .ofdm.tracking import TrackingState, grid_of, next_state, tracked
 from .outcome import PASSED, Outcome
 
-_PRICED = 7500  # samples of the frame for which steps are priced
 _TINY = float(np.finfo(np.float32).tiny)
-_VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = (
-    3.0,
-    7.0,
-    25.0,
-    35.0,
-)  # prices, see `IterativeReceiver`
+_LOOK_FFTS = 5.0  # price of a look for a return, or for a prefix
 
 
 class OfdmCancel(Mitigation):
@@ -37,43 +31,29 @@ class OfdmCancel(Mitigation):
     channel. Then soft decisions, the noise that they leave, phases, timing and channel are estimated in turns, from
     elements that no return can be in, five of six. A transmitter's error vectors are noise like any other here: gates
     are ratios to the noise that was measured. The rebuilt emitter is subtracted. The return that shows then is taken
-    out of the elements, and a second pass decides those that it had hidden. What is left has to be consistent with one
-    return and white noise, else the frame passes as it came. Once found, an emitter is tracked from frame to frame.
-    Frames without such a signal pass bit for bit. Short loud bursts are blanked; tones on top are fitted and
+    out of the elements, and a second pass decides those that it had hidden. What is left has to be consistent with
+    one return and white noise, else the frame passes as it came. Once found, an emitter is tracked from frame to
+    frame. Frames without such a signal pass bit for bit. Short loud bursts are blanked; tones on top are fitted and
     subtracted. What cannot be demodulated stays: noise 10 dB below the signal or more, two layers of equal power.
 
-    Parameters
-    ----------
-    span_m : float or None
-        Highest altitude whose return must not be taken for data, above 0; None is the default altimeter's.
-    drop_when_slow : bool
-        Whether frames are dropped where the method is too slow: after some searches in vain fewer frames are searched.
-    settings : OfdmSettings
-        Numbers of the receiver, for studies.
-
-    Attributes
-    ----------
-    found, tracked : int
-        Frames in which an emitter was acquired by search, and in which it was tracked from the frame before.
-    outcome : Outcome
-        Of the last frame that `cancel` was given.
-    outcomes : list of Outcome
-        One per finite frame of the last call of `process`.
-
-    Notes
-    -----
     What is used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the
-    constellations. No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a
-    symbol is a whole number of samples. No frame costs more than some 600 FFTs of 7,500 points. The algorithm stands in
-    the modules of ``ofdm/``; `ofdm.iterative_receiver` has the walk of a frame.
+    constellations. No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that
+    a symbol is a whole number of samples. No frame costs more than some 600 FFTs of 7,500 points. The algorithm
+    stands in the modules of ``ofdm/``; `ofdm.iterative_receiver` has the walk of a frame.
 
-    What `Hybrid` uses: ``cancel(frame, search=...)``, ``tracking`` and ``outcome``. Nothing else of this class is meant
-    for other methods.
+    What `Hybrid` uses: ``cancel(frame, search=...)``, ``tracking`` and ``outcome``. Nothing else of this class is
+    meant for other methods.
 
-    Raises
-    ------
-    MitigationError
-        If the rate does not fit or ``span_m`` is out of range.
+    - ``span_m``: highest altitude whose return must not be taken for data, above 0; None is the default altimeter's
+    - ``drop_when_slow``: whether frames are dropped where the method is too slow: after some searches in vain fewer
+      frames are searched
+    - ``settings``: numbers of the receiver, for studies
+    - ``found``, ``tracked``: frames in which an emitter was acquired by search, and in which it was tracked from the
+      frame before
+    - ``outcome``: of the last frame that `cancel` was given
+    - ``outcomes``: one per finite frame of the last call of `process`
+
+    Raises `MitigationError` if the rate does not fit or ``span_m`` is out of range.
     """
 
     name = "ofdm_cancel"
@@ -151,7 +131,7 @@ class OfdmCancel(Mitigation):
         level = float(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not _TINY < level < np.inf:  # of powers that no float32 holds
             return None
-        self._ffts = _VISIBLE_FFTS
+        self._ffts = _LOOK_FFTS
         for receiver in self._receivers.values():
             receiver.ffts = 0.0
         visibility = self._returns.visibility(frame)
@@ -164,7 +144,7 @@ class OfdmCancel(Mitigation):
         if out is None and search and self._may_search():
             out = self._search(frame, level, visibility)
         spent = self._ffts + sum(receiver.ffts for receiver in self._receivers.values())
-        spent *= frame.size / _PRICED
+        spent *= frame.size / 7500  # samples of the frame for which steps are priced
         if out is None:
             self.outcome = Outcome("passed", ffts=spent)
         else:
@@ -188,7 +168,7 @@ class OfdmCancel(Mitigation):
         tones = received is not None
         received = received if tones else frame
         if tones:
-            self._ffts += _TONES_FFTS
+            self._ffts += ITERATION_FFTS
             level = float(np.sqrt(np.vdot(received, received).real / frame.size))
         x = received * np.float32(1 / max(level, _TINY))
         sizes = power(x)
@@ -202,7 +182,7 @@ class OfdmCancel(Mitigation):
             if prefix.contrast > s.certain_contrast:
                 break
         prefix, kind = best
-        self._ffts += _PREFIX_FFTS
+        self._ffts += _LOOK_FFTS
         if prefix.contrast < s.prefix_contrast:
             self._in_vain = 0  # nothing to be searched
             return None
@@ -211,7 +191,7 @@ class OfdmCancel(Mitigation):
             self.outcome = Outcome("blanked")
             return np.where(burst, np.complex64(0), frame)
         self._in_vain += 1
-        self._ffts += _ACQUIRE_FFTS
+        self._ffts += ITERATION_FFTS
         receiver, mask = self._receivers[kind], self._masks[kind]
         grid, first_long = acquire(x, prefix, kind, mask, s)
         free = mask.free(grid.starts, prefix.cfo)
@@ -235,7 +215,7 @@ class OfdmCancel(Mitigation):
             return None
         received = frame
         if state.tones:
-            self._ffts += _TONES_FFTS
+            self._ffts += ITERATION_FFTS
             toneless = without_tones(frame)
             received = frame if toneless is None else toneless
         x = received * np.float32(1 / state.level)

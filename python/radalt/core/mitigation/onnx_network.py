@@ -41,31 +41,16 @@ def network_files(model: str | Path) -> tuple[Path, ...]:
 class OnnxNetwork:
     """A session with input and output bound to work arrays, grown to the largest batch seen.
 
-    Parameters
-    ----------
-    model : Path
-        As of `network_files`; of two files the first one's output is the second one's input.
-    samples : int
-        Samples ``N`` of a frame.
-    threads : int
-        Intra-op threads.
-    provider : str
-        ``"cpu"``, or ``"cuda"`` where the user's onnxruntime has it; elsewhere one line says so and the processor runs
-        the network.
-
-    Attributes
-    ----------
-    metadata : dict of str
-        As the file carries it; of two files the first one's, completed by the second one's.
-
-    Raises
-    ------
-    MitigationError
-        If onnxruntime is missing, a file is no readable model, or decoder does not fit encoder.
-
-    Notes
-    -----
     Fill ``planes(n)``, then `run`; the array it returns is overwritten by the next run.
+
+    - ``model``: as of `network_files`; of two files the first one's output is the second one's input
+    - ``samples``: samples ``N`` of a frame
+    - ``threads``: Intra-op threads
+    - ``provider``: ``"cpu"``, or ``"cuda"`` where the user's onnxruntime has it; elsewhere one line says so and the
+      processor runs the network
+    - ``metadata``: as the file carries it; of two files the first one's, completed by the second one's
+
+    Raises `MitigationError` if onnxruntime is missing, a file is no readable model, or decoder does not fit encoder.
     """
 
     def __init__(self, model: Path, samples: int, threads: int, provider: str = "cpu") -> None:

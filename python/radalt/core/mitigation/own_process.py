@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..altimeter.frame_quality import QUALITY_DTYPE
 from ..cores import leave_home, return_home
-from ..receiver.frame_quality import QUALITY_DTYPE
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 
@@ -43,23 +43,11 @@ _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import serve; serv
 class OwnProcess(Mitigation):
     """Any registered method, computed by a process of its own; the results are the method's, bit for bit.
 
-    The threads of a flowgraph share one interpreter and wait for each other. A process shares the frames only, through
-    memory that both have mapped: one copy each way, no pickling.
+    The threads of a flowgraph share one interpreter and wait for each other. A process shares the frames only,
+    through memory that both have mapped: one copy each way, no pickling.
 
-    Parameters
-    ----------
-    method : str
-        Registry name.
-    waveform : Waveform
-    batch : int
-        Frames that the method gets at once.
-    **parameters
-        Of the method.
-
-    Raises
-    ------
-    MitigationError
-        For whatever the method refuses, when it is built or later, and if its process ends.
+    ``method``: registry name; ``batch``: frames that the method gets at once; ``**parameters``: of the method. Raises
+    `MitigationError` for whatever the method refuses, when it is built or later, and if its process ends.
 
     Examples
     --------

@@ -26,17 +26,10 @@ class NlmsPredictor(Mitigation):
     QPSK at -30 dB the delay is 26 m, and the altimeter declares that altitude. So this method is for comparison, not
     for flight.
 
-    Parameters
-    ----------
-    length : int
-        Weights ``L``, 1..256.
-    step : float
-        ``mu``, above 0 and at most 0.2.
-
-    Notes
-    -----
     B. Widrow et al., "Adaptive noise cancelling: principles and applications", Proc. IEEE 63(12), 1975, sec. VIII.
     Weights start at zero with every frame and are kept for 8 samples at a time.
+
+    ``length``: weights ``L``, 1..256; ``step``: ``mu``, above 0 and at most 0.2.
     """
 
     name = "nlms_predictor"
@@ -78,25 +71,20 @@ class NlmsPredictor(Mitigation):
 class LinearPrediction(Mitigation):
     """``X |A|`` with ``A`` the prediction-error filter of the frame: zero phase, one Toeplitz solve per frame.
 
-    Card: *autoregressive whitening.* The spectrum of the interference is modelled by ``order`` poles,
-    ``S = g / |A|^2``; what is left of it is white. Narrow lines take a pole each, which no smoothed periodogram
-    resolves so well; interference as wide as the sweep is white to it.
+    Card: *autoregressive whitening.* The spectrum of the interference is modelled by ``order`` poles, ``S = g /
+    |A|^2``; what is left of it is white. Narrow lines take a pole each, which no smoothed periodogram resolves so
+    well; interference as wide as the sweep is white to it.
 
     The matched filter in that noise would be ``|A|^2``. It leaves coloured noise, and most of the return in the quiet
-    parts of the sweep. The altimeter then takes the return's lobes for noise: it declared 0.4 of the frames under 5 MHz
-    NR at -5 dB, where `none` measures all.
+    parts of the sweep. The altimeter then takes the return's lobes for noise: it declared 0.4 of the frames under 5
+    MHz NR at -5 dB, where `none` measures all.
 
-    Parameters
-    ----------
-    order : int
-        Poles, 1..256.
-
-    Notes
-    -----
     Yule-Walker equations on the circular autocorrelation of the tapered frame (J. Makhoul, "Linear prediction: a
-    tutorial review", Proc. IEEE 63(4), 1975). The return is in the model as well. It is white over the band, except at
-    frequencies that the taper removes: with a Hann taper over the frame, extended ground without noise was read 17 m
-    short.
+    tutorial review", Proc. IEEE 63(4), 1975). The return is in the model as well. It is white over the band, except
+    at frequencies that the taper removes: with a Hann taper over the frame, extended ground without noise was read 17
+    m short.
+
+    ``order``: Poles, 1..256.
     """
 
     name = "linear_prediction"

@@ -35,42 +35,26 @@ class QpskCancel(Mitigation):
 
     Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol timing. A
     constant-modulus equaliser needs neither carrier nor pulse. Its outputs are decided. The pulse is fitted to the
-    frame by least squares, with channel, filters and their drift over the frame, and the signal is subtracted. Tones on
-    top are removed before. QPSK that is switched on the sample grid, which no filter leaves, is decided sample by
-    sample. An emitter that fills the frame is tracked: timing, carrier, equaliser and pulse are known in the next frame
-    and only corrected. Frames without QPSK pass bit for bit. So do frames in which the return is too strong for safe
-    decisions (an SIR above some -10 dB), which the altimeter reads without help. What is not QPSK stays: the
+    frame by least squares, with channel, filters and their drift over the frame, and the signal is subtracted. Tones
+    on top are removed before. QPSK that is switched on the sample grid, which no filter leaves, is decided sample by
+    sample. An emitter that fills the frame is tracked: timing, carrier, equaliser and pulse are known in the next
+    frame and only corrected. Frames without QPSK pass bit for bit. So do frames in which the return is too strong for
+    safe decisions (an SIR above some -10 dB), which the altimeter reads without help. What is not QPSK stays: the
     transmitter's error vectors, other interference.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : QpskSettings
-        For studies of their sensitivity.
+    What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.47 per sample, and are four points
+    of one modulus (QPSK, rotated by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up
+    to 100 samples at either end of a frame are blanked, where symbols are cut.
 
-    Attributes
-    ----------
-    cancelled, tracked : int
-        Frames in which QPSK was cancelled, and how many of them without a search.
-    outcome : Outcome
-        Of the last frame that `cancel` was given.
-    outcomes : list of Outcome
-        One per finite frame of the last call of `process`.
-    active_share : float
-        Share of the last frame that was cancelled in which QPSK was sent.
-    burst_weight : float
-        Weight, in amplitude, that the samples of a burst have in what is left of that frame; 1 without a burst.
+    - ``settings``: for studies of their sensitivity
+    - ``cancelled``, ``tracked``: frames in which QPSK was cancelled, and how many of them without a search
+    - ``outcome``: of the last frame that `cancel` was given
+    - ``outcomes``: one per finite frame of the last call of `process`
+    - ``active_share``: share of the last frame that was cancelled in which QPSK was sent
+    - ``burst_weight``: weight, in amplitude, that the samples of a burst have in what is left of that frame; 1
+      without a burst
 
-    Notes
-    -----
-    What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.47 per sample, and are four points of
-    one modulus (QPSK, rotated by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up to 100
-    samples at either end of a frame are blanked, where symbols are cut.
-
-    Raises
-    ------
-    MitigationError
-        If the frame is too short.
+    Raises `MitigationError` if the frame is too short.
     """
 
     name = "qpsk_cancel"

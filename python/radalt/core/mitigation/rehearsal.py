@@ -32,19 +32,9 @@ def rehearse(what: str, waveform: Waveform, *files: Path) -> None:
 
     Worker processes skip it: their work has a time limit, and the program that started them has rehearsed.
 
-    Parameters
-    ----------
-    what : str
-        "method file" or "tcae model".
-    waveform : Waveform
-    *files : Path
-        One, or a network's encoder and decoder.
-
-    Raises
-    ------
-    MitigationError
-        One line: the file cannot be read, does not end within `LIMIT_S`, ends its process, or what the method itself
-        refuses.
+    ``what``: "method file" or "tcae model"; ``*files``: one, or a network's encoder and decoder. Raises
+    `MitigationError`: the file cannot be read, does not end within `LIMIT_S`, ends its process, or what the method
+    itself refuses.
     """
     try:
         for file in files:

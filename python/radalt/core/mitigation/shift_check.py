@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..receiver.altimeter import Altimeter, AltimeterSettings, Reason, shared_altimeter
-from ..receiver.altimeter_settings import FASTEST_M_PER_S
-from ..receiver.frame_quality import levels
+from ..altimeter.altimeter import Altimeter, AltimeterSettings, Reason, shared_altimeter
+from ..altimeter.altimeter_settings import FASTEST_M_PER_S
+from ..altimeter.frame_quality import levels
 from ..waveform import Waveform, exp_cycles
 from .base import peak_scale
 from .interference_detector import InterferenceDetector
@@ -29,16 +29,10 @@ _WEAK_PFA = 5.0 * AltimeterSettings.pfa_per_frame
 class ShiftCheck:
     """The shift test.
 
-    Parameters
-    ----------
-    waveform : Waveform
-
-    Notes
-    -----
     Altitudes are searched over the altimeter's default span (1500 m, or the sweep's limit where that is lower). The
-    search is made twice: for half sweeps that differ by a Doppler of up to 150 m/s, and for those that agree to a cell,
-    where a cell is wider than the Doppler of 10 m/s (in a longer sweep no return's halves agree).
-    The altitudes have to agree within a quarter of a resolution cell (5 m). A frame without a declared altitude passes.
+    search is made twice: for half sweeps that differ by a Doppler of up to 150 m/s, and for those that agree to a
+    cell, where a cell is wider than the Doppler of 10 m/s (in a longer sweep no return's halves agree). The altitudes
+    have to agree within a quarter of a resolution cell (5 m). A frame without a declared altitude passes.
 
     Costs a second run of the network in frames that show interference, an FFT, and two calls of an altimeter.
     """
@@ -83,14 +77,9 @@ class ShiftCheck:
     ) -> np.ndarray:
         """(n,) bool: whether altitudes found in cleaned frames were in the received ones, or none is found.
 
-        Parameters
-        ----------
-        received, cleaned : (n, N) complex64
-            Finite frames before and after the network.
-        clean : callable
-            The network: (k, N) complex64 in and out.
-        disturbed : bool
-            Whether the same detector has already found interference in all frames, so that it need not run again.
+        ``received``, ``cleaned`` (n, N) complex64: finite frames before and after the network; ``clean``: the
+        network: (k, N) complex64 in and out. ``disturbed``: whether the same detector has already found interference
+        in all frames, so that it need not run again.
         """
         n = len(received)
         before = received.copy()

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import ndimage
 
-from ..receiver.altimeter_settings import AltimeterSettings
+from ..altimeter.altimeter_settings import AltimeterSettings
 from ..stft import Stft
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
@@ -22,29 +22,21 @@ _ORDER = 2  # Burg's model of a bin over time: ground and one interferer's skirt
 class StftCfar(Mitigation):
     """Dechirp, STFT, ordered-statistic CFAR along each frequency bin, excision of what it declares, resynthesis.
 
-    Card: *CFAR-based mitigation of automotive radar.* After dechirping a return is a constant tone, so its bin is even
-    over time; what crosses the beat band is short in every bin. Declared cells, dilated by one, are set to zero or
-    extrapolated by an autoregressive model of the bin (Burg), from both sides of the gap.
+    Card: *CFAR-based mitigation of automotive radar.* After dechirping a return is a constant tone, so its bin is
+    even over time; what crosses the beat band is short in every bin. Declared cells, dilated by one, are set to zero
+    or extrapolated by an autoregressive model of the bin (Burg), from both sides of the gap.
 
-    Parameters
-    ----------
-    fill : str
-        ``"zero"`` or ``"burg"``.
-    pfa : float
-        False alarms per cell of white noise, within 1e-9..0.1.
-    span_m : float or None
-        Highest altitude; None takes the altimeter's.
-
-    Notes
-    -----
     J. Wang, "CFAR-based interference mitigation for FMCW automotive radar systems", IEEE Trans. Intelligent
     Transportation Systems 23(8), 2022, doi 10.1109/TITS.2021.3111514. The extrapolation is that of S. Neemat et al.,
-    IEEE Trans. Microwave Theory and Techniques 67(3), 2019. A bin's level is its lower quartile (Rohling 1983):
-    a cell-averaging window is filled by a burst of a tenth of the sweep, which then raises its own threshold.
+    IEEE Trans. Microwave Theory and Techniques 67(3), 2019. A bin's level is its lower quartile (Rohling 1983): a
+    cell-averaging window is filled by a burst of a tenth of the sweep, which then raises its own threshold.
+
+    ``fill``: ``"zero"`` or ``"burg"``; ``pfa``: False alarms per cell of white noise, within 1e-9..0.1; ``span_m``:
+    highest altitude; None takes the altimeter's.
     """
 
     name = "stft_cfar"
-    style = PlotStyle("#882255", "^", (0, (2, 1)))
+    style = PlotStyle("#220088", "^", (0, (2, 1)))
 
     def __init__(
         self, waveform: Waveform, *, fill: str = "zero", pfa: float = 1e-4, span_m: float | None = None

@@ -76,46 +76,30 @@ def _number(text: str) -> float:
 class Tcae(Mitigation):
     """A network that maps an IQ frame to a cleaned IQ frame.
 
-    Parameters
-    ----------
-    model : path, optional
-        ONNX file, or ``ENCODER.onnx+DECODER.onnx``; default `default_model_path`. Its metadata states frame length,
-        layout, normalisation, rate and centering; whatever does not fit the waveform is refused on construction in
-        one line. A network for ``any`` sweep takes the sweep's tables as inputs (`any_sweep`); frames are resampled
-        where their length asks for it.
-    threads : int
-        Intra-op threads; 1 is fastest inside a flowgraph, whose other blocks want the cores.
-    skip_clean : bool
-        Frames that show no interference pass unchanged, without the network; see `InterferenceDetector` for what it
-        misses.
-    dither_db : float or None
-        White noise added before the network, relative to the frame's power, a function of the frame. Networks see
-        noise in training; on a frame almost without any (SNR above 50 dB) the shipped one lost the altitude or made
-        one up, and with -50 dB it does not.
+    A frame of constant modulus (a 1-bit converter, a hard limiter, a return without noise) passes as it is, counted
+    in ``flat_frames``. Networks read interference from the modulus, and would take the whole frame for interference.
 
-    shift_check : bool or None
-        Whether a frame whose altitude does not move with it is silenced, which makes it invalid (`ShiftCheck`), and
-        counted in ``unconfirmed_frames``. It costs a second run of the network in frames that show interference and an
-        altitude. None: on for every model but the shipped default, which docs/stability.md shows to pass without.
+    - ``model``: ONNX file, or ``ENCODER.onnx+DECODER.onnx``; default `default_model_path`. Its metadata states frame
+      length, layout, normalisation, rate and centering; whatever does not fit the waveform is refused on construction
+      in one line. A network for ``any`` sweep takes the sweep's tables as inputs (`any_sweep`); frames are resampled
+      where their length asks for it.
+    - ``threads``: Intra-op threads; 1 is fastest inside a flowgraph, whose other blocks want the cores
+    - ``skip_clean``: frames that show no interference pass unchanged, without the network; see `InterferenceDetector`
+      for what it misses
+    - ``dither_db``: white noise added before the network, relative to the frame's power, a function of the frame.
+      Networks see noise in training; on a frame almost without any (SNR above 50 dB) the shipped one lost the
+      altitude or made one up, and with -50 dB it does not.
+    - ``shift_check``: whether a frame whose altitude does not move with it is silenced, which makes it invalid
+      (`ShiftCheck`), and counted in ``unconfirmed_frames``. It costs a second run of the network in frames that show
+      interference and an altitude. None: on for every model but the shipped default, which docs/stability.md shows to
+      pass without.
+    - ``skip_white``: frames that hold nothing but a return and white noise pass unchanged
+      (`InterferenceDetector.white`), counted in ``skipped_frames``: untouched frames cost no time and hold no false
+      return. None: on for a network of any sweep. 5G wider than the sweep is white, too.
+    - ``skip_lost``: a frame in white noise passes unchanged only where the network leaves nearly as much next to the
+      return as the return's power: the altimeter alone reads more of these. None: on for the shipped default.
 
-    skip_white : bool or None
-        Frames that hold nothing but a return and white noise pass unchanged (`InterferenceDetector.white`), counted
-        in ``skipped_frames``: untouched frames cost no time and hold no false return. None: on for a network of any
-        sweep. 5G wider than the sweep is white, too.
-
-    skip_lost : bool or None
-        A frame in white noise passes unchanged only where the network leaves nearly as much next to the return as the
-        return's power: the altimeter alone reads more of these. None: on for the shipped default.
-
-    Notes
-    -----
-    A frame of constant modulus (a 1-bit converter, a hard limiter, a return without noise) passes as it is, counted in
-    ``flat_frames``. Networks read interference from the modulus, and would take the whole frame for interference.
-
-    Raises
-    ------
-    MitigationError
-        If onnxruntime is missing, the file is unreadable, or the contract does not fit.
+    Raises `MitigationError` if onnxruntime is missing, the file is unreadable, or the contract does not fit.
     """
 
     name = "tcae"

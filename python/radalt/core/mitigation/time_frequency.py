@@ -18,12 +18,10 @@ class TimeFrequency(Mitigation):
     """``X / max(S, S_quiet)`` in the plane of the whitened frame, ``S`` the local level of ``|X|^2``.
 
     Card: *time-varying Wiener filter without a model of the signal.* `whitening` levels what is narrower than the
-    sweep all the time; what remains is uneven over time and frequency (symbols, bursts, control channels). Cells count
-    by the inverse of their interference power: the level is the larger of two block means of ``log |X|^2``, one along
-    time and one along frequency, since a return fills neither. No training, no model of an interferer.
+    sweep all the time; what remains is uneven over time and frequency (symbols, bursts, control channels). Cells
+    count by the inverse of their interference power: the level is the larger of two block means of ``log |X|^2``, one
+    along time and one along frequency, since a return fills neither. No training, no model of an interferer.
 
-    Notes
-    -----
     F. Hlawatsch et al., "Time-frequency formulation, design, and implementation of time-varying optimal filters for
     signal estimation", IEEE Trans. Signal Processing 48(5), 2000.
     """

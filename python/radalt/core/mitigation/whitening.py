@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import fft, ndimage
 
-from ..receiver.frame_quality import levels
+from ..altimeter.frame_quality import levels
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, unit_peak
 
@@ -15,19 +15,14 @@ _GAINS = 4
 class Whitening(Mitigation):
     """``X / S^exponent`` with ``S`` the running mean of ``|X|^2`` over ``smoothing_hz``.
 
-    Parameters
-    ----------
-    smoothing_hz : float
-        Width of the running mean. Narrower resolves tones better, wider disturbs the return's own spectrum less.
-    exponent : float
-        0.5 whitens; 1 is the matched filter in coloured noise of spectrum ``S``. That filter narrows the sweep to its
-        least disturbed part: more sensitive where little is disturbed, ambiguous where much is (5 MHz NR at -35 dB:
-        0.60 of the altitudes right, against 0.90 with 0.6).
-
-    Notes
-    -----
     The sweep itself fills the band evenly, so it passes; what is narrower than the sweep and stronger is levelled.
     Interference that is white over the band (10 MHz NR) is out of reach by construction.
+
+    - ``smoothing_hz``: width of the running mean. Narrower resolves tones better, wider disturbs the return's own
+      spectrum less.
+    - ``exponent``: 0.5 whitens; 1 is the matched filter in coloured noise of spectrum ``S``. That filter narrows the
+      sweep to its least disturbed part: more sensitive where little is disturbed, ambiguous where much is (5 MHz NR
+      at -35 dB: 0.60 of the altitudes right, against 0.90 with 0.6).
     """
 
     name = "whitening"
@@ -35,9 +30,9 @@ class Whitening(Mitigation):
     batch = 16  # 0.88 of the time of four at once, and eight take 0.91
 
     def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 0.6) -> None:
-        if not 0 < smoothing_hz <= waveform.rate_hz:
+        if not 100 <= smoothing_hz <= waveform.rate_hz:
             raise MitigationError(
-                f"whitening.smoothing_hz is {smoothing_hz!r}; within 0..{waveform.rate_hz:g}"
+                f"whitening.smoothing_hz is {smoothing_hz!r}; within 100..{waveform.rate_hz:g}"
             )
         if not 0 < exponent <= 1:
             raise MitigationError(f"whitening.exponent is {exponent!r}; it has to be within 0..1")

@@ -2,6 +2,7 @@
 
 import csv
 import functools
+import re
 import stat
 import typing
 from collections.abc import Callable
@@ -18,20 +19,9 @@ _TAGS = ("str", "int", "float", "bool", "null", "seq", "map")
 def check_file(path: Path | str, *, most_bytes: int, what: str, remedy: str = "name another file") -> Path:
     """Check that a path is a regular file of bounded size, without reading it.
 
-    Parameters
-    ----------
-    path : path
-    most_bytes : int
-        Size above which it is refused.
-    what : str
-        What the file is, for messages: "scene".
-    remedy : str
-        End of the message where it cannot be read.
-
-    Raises
-    ------
-    InputError
-        One line: file, reason, remedy. A pipe or device is refused, since reading may never end.
+    ``most_bytes``: size above which it is refused; ``what``: what the file is, for messages: "scene"; ``remedy``: end
+    of the message where it cannot be read. Raises `InputError`: file, reason, remedy. A pipe or device is refused,
+    since reading may never end.
     """
     try:
         path = Path(path)
@@ -69,16 +59,21 @@ def read_text(path: Path | str, *, most_bytes: int, what: str, remedy: str = "na
     try:
         return read_bytes(path, most_bytes=most_bytes, what=what, remedy=remedy).decode("utf-8")
     except UnicodeDecodeError:
-        raise InputError(f"{what} {_name(path)}: cannot be read (not a text file); {remedy}") from None
+        raise InputError(f"{what} {_name(path)}: cannot be read (not text in UTF-8); {remedy}") from None
 
 
 def read_csv(path: Path | str, *, most_bytes: int, what: str) -> tuple[list[dict[str, str]], list[str]]:
-    """Rows of a CSV file by column, and the columns' names in lower case; lines that begin with ``#`` are comments."""
+    """Rows of a CSV file by column, and the columns' names; lines that begin with ``#`` are comments.
+
+    Names are in lower case with an underscore for other signs: ``Altitude (ft)`` is ``altitude_ft``.
+    """
     text = read_text(path, most_bytes=most_bytes, what=what, remedy="name a CSV file").removeprefix("\ufeff")
     lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
-    reader = csv.DictReader(lines, restval="")
+    reader = csv.DictReader(lines, restval="", delimiter=max(",;\t", key="".join(lines[:1]).count))
     try:
-        reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or []]
+        reader.fieldnames = [re.sub(r"\W+", "_", name.lower()).strip("_") for name in reader.fieldnames or []]
+        if twice := [name for name in reader.fieldnames if name and reader.fieldnames.count(name) > 1]:
+            raise InputError(f"{what} {_name(path)}: two columns are called {shown(twice[0])}; leave one")
         return list(reader), reader.fieldnames
     except csv.Error as error:
         raise InputError(f"{what} {_name(path)}: {error}; name a CSV file") from None
@@ -93,14 +88,11 @@ def _name(path: Path | str) -> str:
 def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") -> Any:
     """Content of a YAML file, by a strict reader: plain values, each key once.
 
-    These are errors besides invalid YAML: a key twice in one mapping (YAML keeps the last without a word), aliases
-    (a few lines of them expand to a billion values), and tags other than those of JSON's types. Dates stay text, and so
+    These are errors besides invalid YAML: a key twice in one mapping (YAML keeps the last without a word), aliases (a
+    few lines of them expand to a billion values), and tags other than those of JSON's types. Dates stay text, and so
     does 1:30, which YAML 1.1 defines as 90.
 
-    Raises
-    ------
-    InputError
-        One line: file, line where there is one, what is wrong.
+    Raises `InputError`: file, line where there is one, what is wrong.
     """
     import yaml
 
@@ -153,6 +145,8 @@ def _loader() -> type:
             value = loader.construct_scalar(node)
             if ":" in value:
                 return value
+            if kind == "int" and re.match(r"[-+]?0[\d_]", value):  # octal to YAML: 010 would be 8
+                refuse(node.start_mark, f"{shown(value)} begins with 0; quote it, or leave the 0 out")
             try:
                 return construct(loader, node)
             except (ValueError, KeyError, OverflowError, IndexError):  # IndexError: "_" has no digit

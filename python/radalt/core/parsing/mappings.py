@@ -58,25 +58,14 @@ def build(
 ) -> Any:
     """Dataclass from a mapping: keys and types are checked here, ranges by its ``__post_init__``.
 
-    Parameters
-    ----------
-    cls : type
-        Dataclass with annotated fields.
-    data : mapping
-        As YAML gives it.
-    where : str
-        Dotted path of the mapping, for messages; empty for the whole file.
-    special : dict, optional
-        Converters ``(value, path) -> field value`` for fields that the annotation does not describe.
-    renamed : dict, optional
-        Keys of fields that have another name in files.
-    also : iterable of str
-        Keys that are allowed there and that the caller has taken out, for messages.
+    - ``cls``: dataclass with annotated fields
+    - ``data``: as YAML gives it
+    - ``where``: Dotted path of the mapping, for messages; empty for the whole file
+    - ``special``: converters ``(value, path) -> field value`` for fields that the annotation does not describe
+    - ``renamed``: keys of fields that have another name in files
+    - ``also``: keys that are allowed there and that the caller has taken out, for messages
 
-    Raises
-    ------
-    ValueError
-        One line with key, value and what is allowed.
+    Raises `ValueError`: one line with key, value and what is allowed.
     """
     if not isinstance(data, dict):
         raise ValueError(f"{where or 'the scene'} is {data!r}; expected a mapping of keys")
@@ -149,39 +138,29 @@ def _number(text: str) -> float:
 
 
 def _scalar(hint: Any, value: Any, where: str) -> Any:
-    if hint is float:
+    if hint in (float, int):
         # YAML 1.1 takes 7.5e6 (no sign in the exponent) for text; users mean the number
-        if isinstance(value, str):
-            try:
-                value = float(value.replace(MINUS, "-"))
-            except ValueError:
-                raise ValueError(
-                    f"{where} is {shown(value)}; expected a number, in the unit its name states"
-                ) from None
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-            raise ValueError(f"{where} is {shown(value)}; expected a number, in the unit its name states")
-        return quantity(value, where)
-    if hint is int:
-        if isinstance(value, str):
-            try:
-                value = float(value.replace(MINUS, "-"))
-            except ValueError:
-                raise ValueError(f"{where} is {shown(value)}; expected a whole number") from None
-        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-        if not number or not math.isfinite(_float(value)) or value != int(value):
-            raise ValueError(f"{where} is {shown(value)}; expected a whole number")
-        if abs(value) > _WHOLE:
+        given = _number(value) if isinstance(value, str) else value
+        good = isinstance(given, (int, float, np.number)) and not isinstance(given, bool)
+        if hint is int or given is not value:  # text such as "nan" is no number
+            good = good and math.isfinite(_float(given))
+        if not good or (hint is int and given != int(given)):
+            wanted = "a number, in the unit its name states" if hint is float else "a whole number"
+            raise ValueError(f"{where} is {shown(value)}; expected {wanted}")
+        if hint is float:
+            return quantity(given, where)
+        if abs(given) > _WHOLE:
             raise ValueError(
                 f"{where} is {shown(value)}; expected a whole number of at most {len(str(_WHOLE))} digits"
             )
-        return int(value)
+        return int(given)
     if hint is bool:
         if not isinstance(value, bool):
             raise ValueError(f"{where} is {shown(value)}; expected true or false")
         return value
     if hint is str:
         if not isinstance(value, str):
-            quoted = ": quote it, since YAML takes it for a number" * isinstance(value, (int, float))
+            quoted = ": quote it, since YAML takes it for another type" * isinstance(value, (int, float))
             raise ValueError(f"{where} is {shown(value)}; expected text{quoted}")
         if CONTROL.search(value):
             raise ValueError(f"{where} is {shown(value)}; expected text without control characters")
@@ -192,10 +171,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
 def quantity(value: Any, where: str) -> float:
     """A number as a float within what its unit allows; ``where`` ends in the unit: ``sir_db``, ``sweep_s[2]``.
 
-    Raises
-    ------
-    ValueError
-        One line, also for what is not finite.
+    Raises `ValueError`: also for what is not finite.
     """
     unit = _UNIT.search(where)
     most = _UNITS.get(unit[1], LARGEST) if unit else LARGEST
@@ -210,10 +186,7 @@ def quantity(value: Any, where: str) -> float:
 def arguments(method: type, given: dict[str, Any], where: str) -> dict[str, Any]:
     """Keyword arguments of a class, behind its first argument, converted by the annotations of its constructor.
 
-    Raises
-    ------
-    ValueError
-        One line with key, value and what is allowed.
+    Raises `ValueError`: one line with key, value and what is allowed.
     """
     parameters = list(inspect.signature(method).parameters.values())[1:]
     known = [p.name for p in parameters]

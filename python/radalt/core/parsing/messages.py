@@ -4,6 +4,7 @@ import difflib
 import re
 import reprlib
 from collections.abc import Iterable
+from numbers import Real
 from typing import Any
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
@@ -32,7 +33,8 @@ def shown(value: Any) -> str:
 def _near(name: Any, known: Iterable[str]) -> list[str]:
     """Known names that may have been meant, the nearest first."""
     known, text = list(known), shown(name).strip("'")
-    close = difflib.get_close_matches(text, known, max(1, len(known)))
+    lower = {k.lower(): k for k in known}
+    close = [lower[k] for k in difflib.get_close_matches(text.lower(), lower, max(1, len(known)))]
     return list(dict.fromkeys([*close, *(k for k in known if len(text) > 2 and text in k)]))
 
 
@@ -49,14 +51,12 @@ def allowed(name: Any, known: Iterable[str]) -> str:
     return f"{did_you_mean(name, known)}allowed: {', '.join(names) or 'nothing'}"
 
 
-def check_range(where: str, owner: object, **limits: tuple[float, float]) -> None:
+def check_range(where: str, owner: object, **limits: tuple[float, ...]) -> None:
     """Check attributes of ``owner`` against their (lowest, highest), both allowed; None is no value and passes.
 
-    Raises
-    ------
-    ValueError
-        One line: ``where.name``, value, limits, and of a frequency below them the value in MHz, kHz or GHz that lies
-        within; also for NaN.
+    A third limit is the least magnitude of what is not 0.
+    Raises `ValueError`: ``where.name``, value, limits, and of a frequency below them the value in MHz, kHz or GHz
+    that lies within; also for NaN.
 
     Examples
     --------
@@ -65,10 +65,15 @@ def check_range(where: str, owner: object, **limits: tuple[float, float]) -> Non
     Traceback (most recent call last):
     ValueError: radio.gain_db is 99; it has to be within 0..89.75
     """
-    for name, (low, high) in limits.items():
+    for name, (low, high, *least) in limits.items():
         value = getattr(owner, name)
-        if value is not None and not low <= value <= high:
-            units = (1e6, 1e3, 1e9) if name.endswith("_hz") else ()
-            meant = [value * unit for unit in units if low <= value * unit <= high]
-            hint = f"; did you mean {meant[0]:g}?" if meant else ""
-            raise ValueError(f"{where}.{name} is {value:g}; it has to be within {low:g}..{high:g}{hint}")
+        if value is None:
+            continue
+        if not isinstance(value, Real):
+            raise ValueError(f"{where}.{name} is {shown(value)}; expected a number")
+        read = [value, *(value * unit for unit in (1e6, 1e3, 1e9) if name.endswith("_hz"))]
+        fitting = [v for v in read if low <= v <= high and not 0 < abs(v) < sum(least)]
+        if value not in fitting:
+            span = f"{low:g}..{high:g}" + "".join(f", 0 or at least {size:g} either way" for size in least)
+            hint = f"; did you mean {fitting[0]:g}?" if fitting else ""
+            raise ValueError(f"{where}.{name} is {value:g}; it has to be within {span}{hint}")

@@ -23,19 +23,10 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class CalibrationKey:
-    """Radio, master clock and rate to which a latency belongs.
+    """Radio, master clock and rate to which a latency belongs."""
 
-    Parameters
-    ----------
-    device_type : str
-        Type that the radio reports (``B210``).
-    serial : str
-        Serial number; empty where the radio reports none, and then nothing is stored or found.
-    master_clock_hz, rate_hz : float
-    """
-
-    device_type: str
-    serial: str
+    device_type: str  # type that the radio reports (``B210``)
+    serial: str  # serial number; empty where the radio reports none, and then nothing is stored or found
     master_clock_hz: float
     rate_hz: float
 
@@ -78,10 +69,8 @@ def _read(path: Path) -> dict[str, float]:
 def load_latency_samples(key: CalibrationKey, path: Path | str | None = None) -> float | None:
     """Stored latency in samples, fraction included; None without a calibration of this radio, clock and rate.
 
-    Raises
-    ------
-    CalibrationError
-        If the file exists but cannot be used, or if its only entry for this clock and rate names no radio.
+    Raises `CalibrationError` if the file exists but cannot be used, or if its only entry for this clock and rate
+    names no radio.
     """
     path = Path(path) if path else calibration_path()
     table = _read(path)
@@ -100,10 +89,7 @@ def store_latency_samples(
 ) -> Path:
     """Store a latency next to the others; returns the file.
 
-    Raises
-    ------
-    CalibrationError
-        If the radio has no serial number, or the file exists but cannot be used.
+    Raises `CalibrationError` if the radio has no serial number, or the file exists but cannot be used.
     """
     import yaml
 

@@ -35,21 +35,9 @@ class Request:
 def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str], jammer: bool) -> Request:
     """Check one request.
 
-    Parameters
-    ----------
-    text : bytes
-        UTF-8 JSON object, each key once.
-    max_altitude_m : float
-        Largest altitude of the altimeter's search.
-    methods : sequence of str
-        Methods in the flowgraph.
-    jammer : bool
-        Whether the flowgraph has a jammer.
-
-    Raises
-    ------
-    RequestError
-        Names the key, the value (cut where it is long) and what is allowed.
+    ``text``: UTF-8 JSON object, each key once; ``max_altitude_m``: largest altitude of the altimeter's search;
+    ``methods``: methods in the flowgraph; ``jammer``: whether the flowgraph has a jammer. Raises `RequestError`:
+    names the key, the value (cut where it is long) and what is allowed.
     """
     data = _object(text)
     version = data.get("version")

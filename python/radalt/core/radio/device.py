@@ -13,46 +13,29 @@ from ..plugins import load_plugins
 class Device:
     """A type of radio that UHD drives. Ranges are (lowest, highest), both allowed.
 
-    Attributes
-    ----------
-    name : str
-        Name in a scene.
-    title : str
-        Name in messages.
-    uhd_type : str
-        UHD's device argument ``type``.
-    uhd_name : str
-        UHD's name of the motherboard (``mboard_id``): a radio with another name is refused.
-    tuning_hz, master_clock_hz, rate_hz : (float, float)
-        Centre frequencies, master clocks and sample rates.
-    tx_gain_db, rx_gain_db : (float, float)
-    max_tx_dbm : float
-        Power of a full-scale tone at the highest transmit gain, an upper bound.
-    max_rx_dbm : float
-        Highest input that does no damage.
-    tx_antenna, rx_antenna : str
-        Ports, distinct since the radar transmits and receives at once.
-    two_channels_hz : float
-        Highest master clock with two receive channels; 0 where there is one.
-    link_hz : float
-        Samples per second that the link to the computer carries, both directions together.
+    - ``tuning_hz``, ``master_clock_hz``, ``rate_hz`` (float, float): centre frequencies, master clocks and sample
+      rates
+    - ``tx_gain_db``, ``rx_gain_db`` (float, float)
+    - ``tx_antenna``, ``rx_antenna``: ports, distinct since the radar transmits and receives at once
     """
 
-    name: str
-    title: str
-    uhd_type: str
-    uhd_name: str
+    name: str  # name in a scene
+    title: str  # name in messages
+    uhd_type: str  # UHD's device argument ``type``
+    uhd_name: str  # UHD's name of the motherboard (``mboard_id``): a radio with another name is refused
     tuning_hz: tuple[float, float]
     master_clock_hz: tuple[float, float]
     rate_hz: tuple[float, float]
     tx_gain_db: tuple[float, float]
     rx_gain_db: tuple[float, float]
-    max_tx_dbm: float
-    max_rx_dbm: float
+    max_tx_dbm: float  # power of a full-scale tone at the highest transmit gain, an upper bound
+    max_rx_dbm: float  # highest input that does no damage
     tx_antenna: str
     rx_antenna: str
-    two_channels_hz: float = 0.0
-    link_hz: float = math.inf
+    two_channels_hz: float = 0.0  # highest master clock with two receive channels; 0 where there is one
+    link_hz: float = (
+        math.inf
+    )  # samples per second that the link to the computer carries, both directions together
 
     def __post_init__(self) -> None:
         for name in ("tuning_hz", "master_clock_hz", "rate_hz", "tx_gain_db", "rx_gain_db"):
@@ -86,13 +69,7 @@ DEVICES: dict[str, Device] = {}
 
 
 def register(new: Device) -> Device:
-    """Make a radio known to scenes; returns it.
-
-    Raises
-    ------
-    ValueError
-        If another radio has the name.
-    """
+    """Make a radio known to scenes; returns it. Raises `ValueError` if another radio has the name."""
     if not new.name.isidentifier() or DEVICES.get(new.name, new) != new:
         raise ValueError(f"a radio's name {new.name!r} is taken or no identifier; choose another")
     DEVICES[new.name] = new
@@ -100,13 +77,7 @@ def register(new: Device) -> Device:
 
 
 def device(name: str) -> Device:
-    """A radio by its name in a scene.
-
-    Raises
-    ------
-    ValueError
-        For an unknown one; names those that are known.
-    """
+    """A radio by its name in a scene. Raises `ValueError` for an unknown one; names those that are known."""
     if name not in DEVICES:
         raise ValueError(f"radio.device is {name!r}; allowed: {', '.join(DEVICES)}")
     return DEVICES[name]

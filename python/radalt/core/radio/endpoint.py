@@ -16,10 +16,8 @@ _PATH_BYTES = 100  # longest path of a Unix socket, bytes: Linux allows 107
 def check_endpoint(name: str, endpoint: str, *, network: bool) -> None:
     """Refuse a ZMQ endpoint that other machines reach, unless ``network`` says that this is meant.
 
-    Raises
-    ------
-    ValueError
-        One line: there is no authentication: whoever reaches an endpoint reads the results, or drives the transmitters.
+    Raises `ValueError`: there is no authentication: whoever reaches an endpoint reads the results, or drives the
+    transmitters.
     """
     if not endpoint:
         return
@@ -40,10 +38,7 @@ def check_endpoint(name: str, endpoint: str, *, network: bool) -> None:
 def check_free(name: str, endpoint: str) -> None:
     """Refuse an ``ipc://`` file that is no socket or has a living owner: ZMQ deletes whatever is there.
 
-    Raises
-    ------
-    ValueError
-        One line.
+    Raises `ValueError`.
     """
     path = endpoint.removeprefix("ipc://")
     if path == endpoint or not os.path.lexists(path):

@@ -15,20 +15,12 @@ class InterlockError(ValueError):
 def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> None:
     """Refuse to build transmitters unless both the scene and the command line allow it.
 
-    Parameters
-    ----------
-    scene : Scene
-        ``radio.enclosure`` has to be ``cabled`` (with its ``attenuation_db``) or ``shielded``.
-    transmit : bool
-        The command line's ``--transmit``.
-    radios : bool
-        False where the flowgraph holds no radio (simulation): nothing to refuse.
+    - ``scene``: ``radio.enclosure`` has to be ``cabled`` (with its ``attenuation_db``) or ``shielded``
+    - ``transmit``: the command line's ``--transmit``
+    - ``radios``: False where the flowgraph holds no radio (simulation): nothing to refuse
 
-    Raises
-    ------
-    InterlockError
-        Without an enclosure, with numbers outside the radios' ranges, with too little attenuation for the gains,
-        or without ``transmit``.
+    Raises `InterlockError` without an enclosure, with numbers outside the radios' ranges, with too little attenuation
+    for the gains, or without ``transmit``.
     """
     if not radios:
         return
@@ -50,11 +42,8 @@ def check_radio(scene: Scene) -> None:
 
     `RadioSpec` checks the range of each number.
 
-    Raises
-    ------
-    InterlockError
-        If the sweep leaves the radios' tuning range, or its rate their rates; if both transmitters may be one device,
-        or the master clock is no multiple of the rate or has no room for the LO offset.
+    Raises `InterlockError` if the sweep leaves the radios' tuning range, or its rate their rates; if both
+    transmitters may be one device, or the master clock is no multiple of the rate or has no room for the LO offset.
     """
     radio, w, limits = scene.radio, scene.waveform, scene.radio.limits
     for name, low, high, (bottom, top) in (
@@ -95,10 +84,8 @@ def check_radio(scene: Scene) -> None:
 def check_levels(scene: Scene) -> None:
     """Refuse gains and attenuation that could damage the receiver.
 
-    Raises
-    ------
-    InterlockError
-        If a cabled set-up states less than 30 dB, or an input of the receiver exceeds its limit (`rx_level_dbm`).
+    Raises `InterlockError` if a cabled set-up states less than 30 dB, or an input of the receiver exceeds its limit
+    (`rx_level_dbm`).
     """
     radio, limits = scene.radio, scene.radio.limits
     keys = ("attenuation_db",) if scene.auxiliary is None else ("attenuation_db", "auxiliary_attenuation_db")

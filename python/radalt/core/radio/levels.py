@@ -22,14 +22,8 @@ _CREST_FRAMES = 24
 def rx_level_dbm(radio: RadioSpec, jammer: bool, attenuation_db: float | None = None) -> float:
     """Highest power at the receiver's connector: both transmitters at full scale, less the stated attenuation.
 
-    Parameters
-    ----------
-    radio : RadioSpec
-        Device, transmit gains and ``attenuation_db`` from each transmitter to the receiver.
-    jammer : bool
-        Whether the second transmitter exists.
-    attenuation_db : float, optional
-        To another input.
+    ``radio``: device, transmit gains and ``attenuation_db`` from each transmitter to the receiver; ``jammer``:
+    whether the second transmitter exists; ``attenuation_db``: to another input.
     """
     loss_db = radio.attenuation_db if attenuation_db is None else attenuation_db
     gains = [radio.radar_tx_gain_db] + ([radio.jammer_tx_gain_db] if jammer else [])
@@ -41,12 +35,9 @@ def rx_level_dbm(radio: RadioSpec, jammer: bool, attenuation_db: float | None = 
 class Drive:
     """Digital full scale of both transmitters: the sample value at the converter's full scale.
 
-    Attributes
-    ----------
-    radar_full_scale, jammer_full_scale : float
-        Values of UHD's stream argument ``fullscale``.
-    radar_dbm, jammer_dbm : float
-        Mean power at each transmitter's connector by the model (jammer: averaged over frames); NaN without jammer.
+    ``radar_full_scale``, ``jammer_full_scale``: values of UHD's stream argument ``fullscale``; ``radar_dbm``,
+    ``jammer_dbm``: mean power at each transmitter's connector by the model (jammer: averaged over frames); NaN
+    without jammer.
     """
 
     radar_full_scale: float

@@ -45,15 +45,8 @@ def ripple_db(waveform: Waveform, sweeps: np.ndarray, delay_samples: float, firs
 
     The sweep's frequency is a function of time, so its power over time is the path's response.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    sweeps : (k, N) complex
-        As received at altitude zero; their mean is taken. NaN gives NaN.
-    delay_samples : float
-        Within 0..1: how much later than the first sample each begins.
-    first : int
-        Number of the first one.
+    ``sweeps`` (k, N) complex: as received at altitude zero; their mean is taken. NaN gives NaN. ``delay_samples``:
+    within 0..1: how much later than the first sample each begins; ``first``: number of the first one.
     """
     rotation = np.conj(waveform.frame_rotation(np.arange(first, first + len(sweeps))))
     sweep = (sweeps * rotation[:, None]).mean(axis=0)

@@ -60,20 +60,12 @@ def write_metadata(
 ) -> Path:
     """Write ``.sigmf-meta`` next to the samples: scene, captures, and annotations of altitude and jammer.
 
-    Parameters
-    ----------
-    data_file : Path
-        ``.sigmf-data`` that holds complex64 samples.
-    scene : Scene
-        Scene of the run.
-    stretches : list of Stretch
-    latency_samples : float
-        Receiver samples from the counter's zero to the start of sweep 0.
-    recorder : str
-        Name of the recording program.
-    radio : mapping, optional
-        ``calibration_samples``, ``full_scale``, for a recording by radio: settings of the segmenter that the scene does
-        not give.
+    - ``data_file``: ``.sigmf-data`` that holds complex64 samples
+    - ``scene``: scene of the run
+    - ``latency_samples``: receiver samples from the counter's zero to the start of sweep 0
+    - ``recorder``: name of the recording program
+    - ``radio``: ``calibration_samples``, ``full_scale``, for a recording by radio: settings of the segmenter that the
+      scene does not give
     """
     w = scene.waveform
     recording = extra("sigmf").SigMFFile(
@@ -137,18 +129,8 @@ def _annotations(
 class Capture:
     """An opened recording; see `open_capture`.
 
-    Attributes
-    ----------
-    path : Path
-    rate_hz : float
-    datatype : str
-    scene : Scene or None
-        Scene of the run, in a recording by this program; None in any other.
-    stretches : tuple of Stretch
-    radio : dict
-        ``radio`` of `write_metadata`, for a recording by radio.
-    notes : list of str
-        Assumptions and omissions, one line each.
+    ``scene``: scene of the run, in a recording by this program; None in any other. ``radio``: ``radio`` of
+    `write_metadata`, for a recording by radio; ``notes``: assumptions and omissions, one line each.
     """
 
     def __init__(self, file: SigmfFile, scene: Scene | None, radio: dict[str, float]) -> None:
@@ -205,13 +187,10 @@ class Capture:
     def blocks(self, rate_hz: float) -> Iterator[tuple[int, np.ndarray]]:
         """(sample counter, complex64 samples) at ``rate_hz`` in order, at most 2^18 at a time.
 
-        Other rates are resampled by the nearest ratio of whole numbers up to 4096 (polyphase, Kaiser window). A counter
-        that does not continue the one before marks lost samples.
+        Other rates are resampled by the nearest ratio of whole numbers up to 4096 (polyphase, Kaiser window). A
+        counter that does not continue the one before marks lost samples.
 
-        Raises
-        ------
-        RecordingError
-            At once, if there is no such ratio.
+        Raises `RecordingError`: at once, if there is no such ratio.
         """
         ratio = Fraction(rate_hz / self.rate_hz).limit_denominator(_MAX_TERM)
         off_ppm = 1e6 * abs(float(ratio) * self.rate_hz / rate_hz - 1)
@@ -289,15 +268,8 @@ def _time(text: Any) -> tuple[Fraction, int] | None:
 def open_capture(path: Path | str) -> Capture:
     """Open a SigMF recording and check it against its metadata (checksum, sizes, captures, annotations).
 
-    Parameters
-    ----------
-    path : path
-        As in `open_sigmf`: a complex recording with one channel, any SigMF sample format.
-
-    Raises
-    ------
-    RecordingError
-        One line: what is missing, truncated or does not match.
+    ``path``: as in `open_sigmf`: a complex recording with one channel, any SigMF sample format. Raises
+    `RecordingError`: what is missing, truncated or does not match.
     """
     try:
         file = open_sigmf(path)

@@ -20,24 +20,17 @@ class TransmitGate:
 
     Transmission is allowed while all of these hold:
 
-    - the scene states an enclosure, its numbers are plausible and ``transmit`` is set (`require_enclosure`, asked once)
+    - the scene states an enclosure, its numbers are plausible and ``transmit`` is set (`require_enclosure`, asked
+      once)
     - where the flowgraph is controlled from outside, `beat` has been called within the last ``watchdog_s``
     - `close` has not been called, and every sample so far was finite and within `full_scale`.
 
-    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite or
-    beyond full scale. Restart the program to transmit again.
+    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite or beyond
+    full scale. Restart the program to transmit again.
 
-    Parameters
-    ----------
-    scene : Scene
-    transmit : bool
-        The command line's ``--transmit``, or the flowgraph's parameter.
-    controlled : bool
-        Whether the flowgraph has a remote control, which has to call `beat`.
-    watchdog_s : float
-        Longest time between two beats, seconds.
-    clock : callable
-        Monotonic seconds.
+    ``transmit``: the command line's ``--transmit``, or the flowgraph's parameter; ``controlled``: whether the
+    flowgraph has a remote control, which has to call `beat`; ``watchdog_s``: longest time between two beats, seconds;
+    ``clock``: Monotonic seconds.
 
     Examples
     --------

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..parsing import check_range
+from ..parsing import Settings, setting
 from ..programme import Programme
 from ..waveform import Waveform
 from .link import RadarLink
@@ -24,121 +24,76 @@ __all__ = ["AntennaSpec", "GroundSpec", "LandingSpec", "TerrainPlayer", "Terrain
 
 
 @dataclass(frozen=True)
-class TrajectorySpec:
-    """Trajectory of the aircraft.
-
-    Parameters
-    ----------
-    file : str
-        CSV with a track, or with ADS-B state vectors.
-    aircraft : str or None
-        The icao24 address or callsign to take from a file of several.
-    altitude : str or None
-        Which of several altitudes: ``"geo"`` (GNSS) or ``"baro"`` (barometric); None: the plain one, or the first.
-    altitude_unit : str or None
-        ``"m"`` or ``"ft"``, of a column that does not state it; None: metres, and an error in a flight log.
-    altitude_offset_m : float
-        Added to the file's altitudes: minus the geoid undulation where they are above the ellipsoid.
-    angle_of_attack_deg : float
-        Pitch above the path angle.
-    max_gap_s : float
-        Longest gap between two rows that is interpolated.
-    max_speed_m_per_s, max_vertical_speed_m_per_s : float
-        Largest speed over ground, and vertical speed, from row to row.
-    start_s, end_s : float or None
-        Part of the flight in use, in the file's time; None: to its end.
-    """
+class TrajectorySpec(Settings, where="trajectory"):
+    """Trajectory of the aircraft."""
 
     file: str = "approach_kord_10c.csv"
+    """CSV with a track, or with ADS-B state vectors."""
     aircraft: str | None = None
+    """The icao24 address or callsign to take from a file of several."""
     altitude: str | None = None
+    """Which of several altitudes: ``"geo"`` (GNSS) or ``"baro"`` (barometric); None: the plain one, or the first."""
     altitude_unit: str | None = None
+    """``"m"`` or ``"ft"``, of a column that does not state it; None: metres, and an error in a flight log."""
     altitude_offset_m: float = 0.0
-    angle_of_attack_deg: float = 5.0
-    max_gap_s: float = 15.0
-    max_speed_m_per_s: float = 700.0
-    max_vertical_speed_m_per_s: float = 60.0
+    """Added to the file's altitudes: minus the geoid undulation where they are above the ellipsoid."""
+    angle_of_attack_deg: float = setting(5.0, -30.0, 30.0)
+    """Pitch above the path angle."""
+    max_gap_s: float = setting(15.0, 1e-3, 1e5)
+    """Longest gap between two rows that is interpolated."""
+    max_speed_m_per_s: float = setting(700.0, 1.0, 1e4)
+    """Largest speed over ground from row to row."""
+    max_vertical_speed_m_per_s: float = setting(60.0, 0.1, 1e4)
+    """Largest vertical speed from row to row."""
     start_s: float | None = None
+    """Start of the part of the flight in use, in the file's time; None: its first row."""
     end_s: float | None = None
-
-    def __post_init__(self) -> None:
-        limits = {"max_speed_m_per_s": (1.0, 1e4), "max_vertical_speed_m_per_s": (0.1, 1e4)}
-        check_range("trajectory", self, angle_of_attack_deg=(-30.0, 30.0), max_gap_s=(1e-3, 1e5), **limits)
+    """End of that part; None: the last row."""
 
 
 @dataclass(frozen=True)
 class TerrainSpec:
-    """Terrain model.
-
-    Parameters
-    ----------
-    files : tuple of str
-        DTED files of all cells that the flight crosses; none for a flat earth.
-    void : str
-        Posts without a height: ``"error"`` refuses them, ``"fill"`` takes the nearest one's.
-    flat_m : float
-        Elevation of the flat earth above mean sea level.
-    """
+    """Terrain model."""
 
     files: tuple[str, ...] = ("hilly_n41w089.dt0", "hilly_n41w088.dt0")
+    """DTED files of all cells that the flight crosses; none for a flat earth."""
     void: str = "error"
+    """Posts without a height: ``"error"`` refuses them, ``"fill"`` takes the nearest one's."""
     flat_m: float = 204.0
+    """Elevation of the flat earth above mean sea level."""
 
 
 @dataclass(frozen=True)
 class AntennaSpec:
-    """The altimeter's antenna: a Gaussian beam, or a pattern file.
-
-    Parameters
-    ----------
-    beamwidth_deg : float
-        Full width of the beam at half power.
-    gain_dbi : float
-        Gain in the middle of the beam.
-    two_way : bool
-        The beamwidth is that of transmission and reception together.
-    pattern : str or None
-        File of a measured pattern, instead of the Gaussian beam.
-    tilt_deg : float
-        Tilt of the antenna against the aircraft's vertical axis.
-    """
+    """The altimeter's antenna: a Gaussian beam, or a pattern file."""
 
     beamwidth_deg: float = 40.0
+    """Full width of the beam at half power."""
     gain_dbi: float = 10.0
+    """Gain in the middle of the beam."""
     two_way: bool = False
+    """The beamwidth is that of transmission and reception together."""
     pattern: str | None = None
+    """File of a measured pattern, instead of the Gaussian beam."""
     tilt_deg: float = 0.0
+    """Tilt of the antenna against the aircraft's vertical axis."""
 
 
 @dataclass(frozen=True)
 class GroundSpec:
-    """Reflectivity of the ground.
-
-    Parameters
-    ----------
-    model : str
-        Reflectivity against the angle of incidence.
-    land : str
-        Type of land.
-    level_db : float
-        Added to the model's reflectivity.
-    """
+    """Reflectivity of the ground."""
 
     model: str = "morchin"
+    """Reflectivity against the angle of incidence."""
     land: str = "urban_low_relief"
+    """Type of land."""
     level_db: float = 0.0
+    """Added to the model's reflectivity."""
 
 
 @dataclass(frozen=True)
 class LandingSpec:
     """A landing: trajectory over terrain, with antenna, ground and link.
-
-    Parameters
-    ----------
-    trajectory, terrain, antenna, ground, link
-        See their classes.
-    folder : str
-        Folder of the files. If empty, each is sought in ``flowgraphs/landing``, the shipped one, too.
 
     Examples
     --------
@@ -154,6 +109,7 @@ class LandingSpec:
     ground: GroundSpec = GroundSpec()
     link: RadarLink = RadarLink()
     folder: str = ""
+    """Folder of the files. If empty, each is sought in ``flowgraphs/landing``, the shipped one, too."""
 
     def path(self, name: str) -> Path:
         """A file of the landing."""
@@ -248,18 +204,8 @@ class LandingSpec:
 class TerrainPlayer:
     """Terrain return by frame index, in place of a point return.
 
-    Parameters
-    ----------
-    landing : LandingSpec
-    programme : Programme
-        Programme whose altitudes are those of the landing, one per frame.
-    waveform, seed
-        Those of the scene.
-
-    Raises
-    ------
-    ValueError
-        If the altitudes are not those of the landing.
+    ``programme``: programme whose altitudes are those of the landing, one per frame; ``waveform``, ``seed``: those of
+    the scene. Raises `ValueError` if the altitudes are not those of the landing.
     """
 
     def __init__(self, landing: LandingSpec, programme: Programme, waveform: Waveform, seed: int) -> None:

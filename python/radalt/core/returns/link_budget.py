@@ -22,16 +22,8 @@ def diffuse_loop_loss_db(
 
         P_r / P_t = lambda^2 / ((4 pi)^3 L) 2 pi / h^2  integral of G^2 sigma0 sin(theta) cos(theta) dtheta
 
-    Parameters
-    ----------
-    height_m : float
-        Height of both antennas above the ground, > 0.
-    antenna : Antenna
-        One pattern for both directions, pointing down.
-    ground : Reflectivity
-    carrier_hz : float
-    losses_db : float
-        Cable and other losses except spreading, both ways together.
+    ``height_m``: height of both antennas above the ground, > 0; ``antenna``: one pattern for both directions,
+    pointing down; ``losses_db``: cable and other losses except spreading, both ways together.
     """
     step = 0.5 * np.pi / _STEPS
     theta = (np.arange(_STEPS) + 0.5) * step
@@ -47,15 +39,8 @@ def port_density_dbm_per_mhz(
 ) -> float:
     """Power density at the port of a power flux density: plus ``G + 10 log10(lambda^2 / 4 pi)``, less the cable.
 
-    Parameters
-    ----------
-    flux_dbw_per_m2_mhz : float
-    frequency_hz : float
-        Frequency of the band: the aperture falls with its square.
-    gain_dbi : float
-        Antenna gain in the emitter's direction.
-    cable_db : float
-        Loss from antenna to port.
+    ``frequency_hz``: frequency of the band: the aperture falls with its square; ``gain_dbi``: antenna gain in the
+    emitter's direction; ``cable_db``: loss from antenna to port.
     """
     aperture_db = 10.0 * np.log10((speed_of_light / frequency_hz) ** 2 / (4 * np.pi))
     return float(flux_dbw_per_m2_mhz + 30.0 + gain_dbi + aperture_db - cable_db)

@@ -19,8 +19,8 @@ def point_return(
     Parameters
     ----------
     waveform : Waveform
-        The sweep; it is periodic, so the first ``tau`` seconds hold the previous sweep's tail. Of a deramping altimeter
-        (`core.deramp.IfWaveform`) the return comes mixed with the sweep, without that tail.
+        The sweep; it is periodic, so the first ``tau`` seconds hold the previous sweep's tail. Of a deramping
+        altimeter (`core.deramp.IfWaveform`) the return comes mixed with the sweep, without that tail.
     altitude_m : (n,) or scalar
         Range ``R`` in metres at the middle of the frame (the instant the up/down mean refers to), >= 0.
     vertical_speed_m_per_s : (n,) or scalar

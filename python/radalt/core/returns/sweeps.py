@@ -15,15 +15,9 @@ class SentSweeps:
     Drawn returns (`Programme.phases_cycles`) are played with delay and Doppler. Otherwise up sweeps are shifted by
     ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    sent : SentAltitudes
-        Altitude by sweep index.
-    synthetic : bool
-        False transmits the plain sweep: the channel simulates true delays.
-    silent : bool
-        True transmits nothing in trials: frames without a return, whose timing is that of the preamble.
+    ``sent``: altitude by sweep index; ``synthetic``: False transmits the plain sweep: the channel simulates true
+    delays; ``silent``: True transmits nothing in trials: frames without a return, whose timing is that of the
+    preamble.
     """
 
     def __init__(

@@ -8,11 +8,11 @@ from ..channel.auxiliary import AuxiliaryReceiver
 from ..channel.simulated import SimulatedChannel
 from ..interference.stream import JammerStream
 from ..programme import SentAltitudes
-from ..receiver.auxiliary_cancel import AuxiliaryCancel
-from ..receiver.leakage_file import leakage_canceller
-from ..receiver.segmenter import FrameSegmenter
 from ..returns.landing import TerrainPlayer
 from ..returns.sweeps import SentSweeps
+from ..timing.auxiliary_cancel import AuxiliaryCancel
+from ..timing.leakage_file import leakage_canceller
+from ..timing.segmenter import FrameSegmenter
 from .scene import Scene
 
 

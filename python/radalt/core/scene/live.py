@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
+from ..altimeter.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..channel.settings import DropSettings
-from ..receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..waveform import Waveform
 from .scene import Scene
 
@@ -48,20 +48,11 @@ class RangeProfile:
     exceeds the threshold where the joint significance exceeds the altimeter's threshold (a target without Doppler).
 
     This is the altimeter's first test. Its further tests of the detected cell are not drawn: a higher level where the
-    cells beyond the span have less power, a lower threshold for continuous noise, and a level without the return's side
-    lobes (`PairSearch`).
+    cells beyond the span have less power, a lower threshold for continuous noise, and a level without the return's
+    side lobes (`PairSearch`).
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : AltimeterSettings
-    points : int
-        Points from altitude 0 to ``settings.max_altitude_m``, 2 or more; values between cells are interpolated.
-
-    Attributes
-    ----------
-    altitude_m : (points,) float64
-        Altitude of each point.
+    ``points``: points from altitude 0 to ``settings.max_altitude_m``, 2 or more; values between cells are
+    interpolated. ``altitude_m`` (points,) float64: altitude of each point.
 
     Examples
     --------
@@ -122,14 +113,8 @@ class RangeProfile:
 class AltitudeStrip:
     """The last seconds of several altitudes, rolling: one row per trace, newest value last.
 
-    Parameters
-    ----------
-    traces : int
-        Number of rows.
-    points : int
-        Values per row.
-    every : int
-        Frames per value; the others are dropped, never averaged, so that an error stays visible.
+    ``traces``: number of rows; ``points``: values per row; ``every``: frames per value; the others are dropped, never
+    averaged, so that an error stays visible.
     """
 
     def __init__(self, traces: int, points: int = 512, every: int = 20) -> None:

@@ -20,7 +20,8 @@ from ..text import one_line
 from .scene import Scene
 from .sections import MOST_SIR_DB
 
-_MOST_SIR_DB = 200.0  # largest magnitude of an SIR, dB: the bound of every quantity in decibels
+_LEAST_HZ = 100.0  # least frequency of an interferer but 0, Hz: megahertz written as hertz
+_LEAST_SIR_DB = -200.0  # lowest SIR, dB: the bound of every quantity in decibels
 # keys that name files, with the folder of shipped ones; None: there is none, and it has to be at hand
 _FILES = {
     r"interference(\.\d+)?\.recording\.file|method_options\.[^.]+\.(model|file)|landing\.folder": None,
@@ -49,7 +50,11 @@ def load_scene(name: str | Path) -> Scene:
         path = scene_path(name)
         near = did_you_mean(name, scene_names())
         data = load_yaml(path, what="scene", remedy=f"{near}give a YAML file or a shipped scene's name")
-    except (OSError, ValueError) as error:  # InputError, a NUL or thousands of letters in the name
+    except (
+        OSError,
+        TypeError,
+        ValueError,
+    ) as error:  # InputError, no text, a NUL or thousands of letters in the name
         if isinstance(error, InputError):
             raise SceneError(str(error)) from None
         reason = getattr(error, "strerror", None) or error
@@ -134,7 +139,13 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{path}.sir_db is {sir_db:g}; at most {MOST_SIR_DB:g}: did you mean {-sir_db:g}?")
     others = (*_PLACEMENT, *EFFECTS)
     own = {k: v for k, v in params.items() if k not in others}
-    emitter = impaired(build(emitter_class(kind), own, path, also=others), params, path)
+    built = build(emitter_class(kind), own, path, also=others)
+    emitter = impaired(built, params, path)
+    for key, given in plain(built).items():
+        for value in given if isinstance(given, list) else [given]:
+            if key.endswith("_hz") and 0 < abs(value or 0.0) < _LEAST_HZ:
+                near = f"0, or at least {_LEAST_HZ:g}: did you mean {value * 1e6:g}?"
+                raise ValueError(f"{path}.{key} is {value:g}; it has to be {near}")
     stated_db = typing.cast(NamedEmitter, emitter).stated_sir_db
     if "sir_db" not in placement and stated_db is not None:
         placement["sir_db"] = stated_db
@@ -168,9 +179,11 @@ def scene_from_parameters(
             raise SceneError(
                 f"{key} is {shown(value)}; give a number, or scene for the scene's own"
             ) from None
-    if not abs(changes.get("sir_db", 0.0)) <= _MOST_SIR_DB:
+    level_db = changes.get("sir_db", 0.0)
+    if not _LEAST_SIR_DB <= level_db <= MOST_SIR_DB:
         raise SceneError(
-            f"sir_db is {sir_db}; it has to be within -{_MOST_SIR_DB:g}..{_MOST_SIR_DB:g}, or scene for the scene's own"
+            f"sir_db is {level_db:g}; it has to be within {_LEAST_SIR_DB:g}..{MOST_SIR_DB:g}, or scene for the scene's "
+            "own" + f": did you mean {-level_db:g}?" * (level_db > MOST_SIR_DB)
         )
     scene = name if isinstance(name, Scene) else load_scene(name)
     try:

@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
+from ..altimeter.altimeter import AltimeterSettings
 from ..channel.auxiliary import AuxiliarySettings
 from ..channel.settings import ChannelSettings
 from ..interference.placement import Interferer
 from ..parsing import allowed, shown
-from ..receiver.altimeter import AltimeterSettings
-from ..receiver.auxiliary_cancel import CancelSettings
-from ..receiver.leakage import FITTED_ABOVE_M
-from ..receiver.leakage_file import UNCALIBRATED
-from ..receiver.segmenter import SegmenterSettings
-from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
+from ..timing.auxiliary_cancel import CancelSettings
+from ..timing.leakage import FITTED_ABOVE_M
+from ..timing.leakage_file import UNCALIBRATED
+from ..timing.segmenter import SegmenterSettings
+from ..tracker.tracker_settings import TrackerSettings
 from ..waveform import Waveform
 from .sections import AltitudeSpec, RadioSpec, SweepSpec
 
@@ -29,48 +29,37 @@ _FRAMES_HELD = 128  # frames in the buffers of a flowgraph with a few methods, f
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything on which a run depends.
-
-    Parameters
-    ----------
-    name, description : str
-        Name and description in reports.
-    landing : LandingSpec or None
-        An approach over terrain; it gives the altitudes, unless ``altitude.programme_m`` does.
-    return_model : str
-        Key ``return`` in a file: ``point``, ``terrain`` for the extended ground return of the landing, or ``none``:
-        the radar is silent in trials, and every declared altitude is false.
-    auxiliary : AuxiliarySettings or None
-        A second receive channel, by which `AuxiliaryCancel` cleans frames before every method.
-    auxiliary_cancel : CancelSettings
-        Of that canceller.
-    methods : tuple of str
-        Mitigation methods that are compared on the same frames.
-    method_options : dict
-        Options by method, such as ``tcae: {model: my.onnx}``.
-    seed : int
-        Seed of everything random.
-    """
+    """Everything on which a run depends."""
 
     name: str = "scene"
+    """Name in reports."""
     description: str = ""
+    """Description in reports."""
     waveform: Waveform = Waveform()
     altitude: AltitudeSpec = AltitudeSpec()
     landing: LandingSpec | None = None
+    """An approach over terrain; it gives the altitudes, unless ``altitude.programme_m`` does."""
     return_model: str = "point"
+    """Key ``return`` in a file: ``point``, ``terrain`` for the extended ground return of the landing, or ``none``:
+    the radar is silent in trials, and every declared altitude is false."""
     interference: tuple[Interferer, ...] = ()
     total_sir_db: float | None = None
     channel: ChannelSettings = ChannelSettings()
     auxiliary: AuxiliarySettings | None = None
+    """A second receive channel, by which `AuxiliaryCancel` cleans frames before every method."""
     auxiliary_cancel: CancelSettings = CancelSettings()
+    """Settings of that canceller."""
     segmenter: SegmenterSettings = SegmenterSettings()
     altimeter: AltimeterSettings = AltimeterSettings()
     tracker: TrackerSettings = TrackerSettings()
     methods: tuple[str, ...] = ("none", "whitening")
+    """Mitigation methods that are compared on the same frames."""
     method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Options by method, such as ``tcae: {model: my.onnx}``."""
     sweep: SweepSpec = SweepSpec()
     radio: RadioSpec = RadioSpec()
     seed: int = 1
+    """Seed of everything random."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:

@@ -6,45 +6,38 @@ from functools import cached_property
 
 import numpy as np
 
-from ..parsing import check_range, shown
+from ..parsing import Settings, check_range, setting, shown
 from ..programme import Programme
 from ..radio.device import Device, device
 
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
 _MOST_ATTENUATION_DB = 150.0  # largest attenuation of a set-up, dB: beyond it no signal is above the noise
+_LEAST_LO_OFFSET_HZ = 1e4  # least LO offset but 0, Hz: megahertz or kilohertz written as hertz
 MOST_SIR_DB = (
     20.0  # SIR above which no altitude notices the interference: a level that was meant to be negative
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawnReturns:
+class DrawnReturns(Settings, where="altitude.drawn"):
     """Point returns that are drawn for every frame: altitude and range rate evenly within limits, and phase.
 
     The first frames do not depend on how many there are.
-
-    Parameters
-    ----------
-    frames : int
-        Frames of the run, each with a return of its own.
-    low_m, high_m : float
-        Limits of the altitude, 0 <= low < high.
-    speed_m_per_s : float
-        Largest range rate either way, 0..1000.
-    seed : int
-        Seed of the returns alone: the same at every level of interference.
     """
 
-    frames: int = 60
-    low_m: float = 3.0
+    frames: int = setting(60, 1, 1_000_000)
+    """Frames of the run, each with a return of its own."""
+    low_m: float = setting(3.0, 0.0, 1e5)
+    """Least altitude."""
     high_m: float = 1500.0
-    speed_m_per_s: float = 10.0
+    """Greatest altitude, above the least, at most 1e5."""
+    speed_m_per_s: float = setting(10.0, 0.0, 1000.0)
+    """Largest range rate either way."""
     seed: int = 1
+    """Seed of the returns alone: the same at every level of interference."""
 
     def __post_init__(self) -> None:
-        check_range(
-            "altitude.drawn", self, frames=(1, 1_000_000), low_m=(0.0, 1e5), speed_m_per_s=(0.0, 1000.0)
-        )
+        super().__post_init__()
         if not self.low_m < self.high_m <= 1e5:
             raise ValueError(
                 f"altitude.drawn.high_m is {self.high_m:g}; it has to be above low_m {self.low_m:g}, and at most 1e5"
@@ -58,51 +51,35 @@ class DrawnReturns:
 
 
 @dataclass(frozen=True)
-class AltitudeSpec:
-    """Altitudes of a run, and how they are produced.
-
-    Parameters
-    ----------
-    programme_m : tuple of float
-        Altitudes in the order they are flown.
-    frames : int
-        Frames at each altitude (trials).
-    mode : str
-        ``"synthetic"`` shifts the beat in the source (works over the air), ``"true_delay"`` delays the return in the
-        simulated channel.
-    vertical_speed_m_per_s : float
-        Range rate, for true delays.
-    preamble_frames : int
-        Frames before the first altitude, at synthetic altitude zero and with the jammer silent, for the segmenter's
-        timing.
-    sync_every_frames : int
-        Trials between further synchronisation sections; 0 for none.
-    sync_frames : int
-        Length of a further synchronisation section.
-    hold_last : bool
-        Stay at the last altitude without end; for altitudes set by hand.
-    drawn : DrawnReturns or None
-        Point returns drawn per frame, with delay, Doppler and phase, in place of ``programme_m`` and ``frames``; the
-        source plays them, so they also work over the air.
-    landing_frames : int
-        Frames over which the scene's ``landing`` is flown, if it has one (a time lapse of the approach).
-    """
+class AltitudeSpec(Settings, where="altitude"):
+    """Altitudes of a run, and how they are produced."""
 
     programme_m: tuple[float, ...] = (1500.0, 1200.0, 900.0, 600.0, 400.0, 250.0, 150.0, 75.0, 30.0, 10.0)
+    """Altitudes in the order they are flown."""
     frames: int = 15
-    mode: str = "synthetic"
+    """Frames at each altitude (trials)."""
+    mode: str = setting("synthetic", among=("synthetic", "true_delay"))
+    """``synthetic`` shifts the beat in the source (works over the air), ``true_delay`` delays the return in the
+    simulated channel."""
     vertical_speed_m_per_s: float = 0.0
+    """Range rate, for true delays."""
     preamble_frames: int = 8
+    """Frames before the first altitude, at synthetic altitude zero and with the jammer silent, for the segmenter's
+    timing."""
     sync_every_frames: int = 0
+    """Trials between further synchronisation sections; 0 for none."""
     sync_frames: int = 8
+    """Length of a further synchronisation section."""
     hold_last: bool = False
+    """Stay at the last altitude without end; for altitudes set by hand."""
     drawn: DrawnReturns | None = None
-    landing_frames: int = 200
+    """Point returns drawn per frame, with delay, Doppler and phase, in place of ``programme_m`` and ``frames``; the
+    source plays them, so they also work over the air."""
+    landing_frames: int = setting(200, 2, 100_000)
+    """Frames over which the scene's ``landing`` is flown, if it has one (a time lapse of the approach)."""
 
     def __post_init__(self) -> None:
-        check_range("altitude", self, landing_frames=(2, 100_000))
-        if self.mode not in ("synthetic", "true_delay"):
-            raise ValueError(f"altitude.mode is {self.mode!r}; allowed: synthetic, true_delay")
+        super().__post_init__()
         if self.vertical_speed_m_per_s and self.mode == "synthetic":
             raise ValueError(
                 f"altitude.vertical_speed_m_per_s {self.vertical_speed_m_per_s:g} needs mode: true_delay; "
@@ -136,21 +113,14 @@ class AltitudeSpec:
 
 @dataclass(frozen=True)
 class SweepSpec:
-    """Points of an evaluation: every overlap at every SIR at every SNR. An empty list keeps the scene's value.
-
-    Parameters
-    ----------
-    overlap : tuple of float
-        Fractions of the sweep in which the interference is on.
-    sir_db : tuple of float
-        Signal-to-interference ratios, total over all interferers.
-    snr_db : tuple of float
-        Signal-to-noise ratios.
-    """
+    """Points of an evaluation: every overlap at every SIR at every SNR. An empty list keeps the scene's value."""
 
     overlap: tuple[float, ...] = ()
+    """Fractions of the sweep in which the interference is on."""
     sir_db: tuple[float, ...] = ()
+    """Signal-to-interference ratios, total over all interferers."""
     snr_db: tuple[float, ...] = ()
+    """Signal-to-noise ratios."""
 
     def __post_init__(self) -> None:
         for value in self.overlap:
@@ -164,55 +134,39 @@ class SweepSpec:
 
 
 @dataclass(frozen=True)
-class RadioSpec:
-    """Settings of the two radios; not used in simulation.
-
-    Parameters
-    ----------
-    device : str
-        Type of both radios.
-    radar_serial, jammer_serial : str
-        USB serial numbers (``uhd_find_devices``), letters and digits; empty takes the first device found, which the
-        interlock allows without a jammer only.
-    master_clock_hz : float
-        Master clock within the device's range; with radios a multiple of the rate: four times 7.5 MS/s is 30 MHz.
-    lo_offset_hz : float
-        LO offset out of the band, so that its leakage falls outside; at most half the device's highest clock.
-    radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
-        Gains, within the device's ranges: 0..89.75 dB (TX) and 0..76 dB (RX) for a B210.
-    auxiliary_rx_gain_db : float
-        Gain of the second receive channel, in the device's range.
-    enclosure : str
-        ``"none"``, ``"cabled"`` or ``"shielded"``; without one nothing is transmitted.
-    attenuation_db : float
-        Attenuation in the cables between TX and RX, 0..150 dB.
-    auxiliary_attenuation_db : float
-        Attenuation from each TX to the input of the second receive channel, 0..150 dB.
-    clock_source : str
-        ``"internal"``, ``"external"`` or ``"gpsdo"``.
-    """
+class RadioSpec(Settings, where="radio"):
+    """Settings of the two radios; not used in simulation."""
 
     device: str = "b210"
+    """Type of both radios."""
     radar_serial: str = ""
+    """USB serial number (``uhd_find_devices``), letters and digits; empty takes the first device found, which the
+    interlock allows without a jammer only."""
     jammer_serial: str = ""
+    """USB serial number of the jammer's radio."""
     master_clock_hz: float = 30e6
+    """Master clock within the device's range; with radios a multiple of the rate: four times 7.5 MS/s is 30 MHz."""
     lo_offset_hz: float = 6e6
+    """LO offset out of the band, so that its leakage falls outside; at most half the device's highest clock."""
     radar_tx_gain_db: float = 0.0
+    """Transmit gain, within the device's range: 0..89.75 dB for a B210."""
     radar_rx_gain_db: float = 20.0
+    """Receive gain, within the device's range: 0..76 dB for a B210."""
     jammer_tx_gain_db: float = 0.0
+    """Transmit gain of the jammer's radio."""
     auxiliary_rx_gain_db: float = 20.0
-    enclosure: str = "none"
+    """Gain of the second receive channel."""
+    enclosure: str = setting("none", among=("none", "cabled", "shielded"))
+    """Where the signals go; without an enclosure nothing is transmitted."""
     attenuation_db: float = 0.0
+    """Attenuation in the cables between TX and RX, 0..150 dB."""
     auxiliary_attenuation_db: float = 0.0
-    clock_source: str = "internal"
+    """Attenuation from each TX to the input of the second receive channel, 0..150 dB."""
+    clock_source: str = setting("internal", among=("internal", "external", "gpsdo"))
+    """Reference of the clocks."""
 
     def __post_init__(self) -> None:
-        if self.enclosure not in ("none", "cabled", "shielded"):
-            raise ValueError(f"radio.enclosure is {self.enclosure!r}; allowed: none, cabled, shielded")
-        if self.clock_source not in ("internal", "external", "gpsdo"):
-            raise ValueError(
-                f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
-            )
+        super().__post_init__()
         limits = self.limits
         most_offset_hz = limits.master_clock_hz[1] / 2
         check_range(
@@ -225,7 +179,7 @@ class RadioSpec:
             attenuation_db=(0.0, _MOST_ATTENUATION_DB),
             auxiliary_attenuation_db=(0.0, _MOST_ATTENUATION_DB),
             master_clock_hz=limits.master_clock_hz,
-            lo_offset_hz=(-most_offset_hz, most_offset_hz),
+            lo_offset_hz=(-most_offset_hz, most_offset_hz, _LEAST_LO_OFFSET_HZ),
         )
         for name in ("radar_serial", "jammer_serial"):
             if not _SERIAL.fullmatch(getattr(self, name)):

@@ -26,7 +26,7 @@ from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
 from ...core.paths import no_gnu_radio, remedy
-from ..engine.options import Options, Parser, add_options, command, complain, number, options_of, path
+from ..engine.options import Options, Parser, add_options, command, complain, named, number, options_of, path
 from ..engine.own import add_own, own_methods
 
 PROGRAM, COMMAND = "ota_eval", "eval"
@@ -35,38 +35,32 @@ DEFAULT_SCENE = "paper_qpsk"
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
-    add = parser.add_argument
-    add("--sim", action="store_true", help="simulated channel in place of the two B210s")
-    add("--scene", help=f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
-    add("--methods", help="mitigation methods separated by commas, e.g. none,whitening,tcae")
-    add("--overlap", metavar="LIST", help="overlaps, 0..1")
-    add("--sir-db", metavar="LIST", help="signal-to-interference ratios, averaged over the sweep")
-    add("--snr-db", metavar="LIST", help="signal-to-noise ratios (simulated channel)")
-    add("--altitudes", metavar="LIST", help="altitudes in metres, in the order of the run")
-    add("--frames", type=int, help="frames at each altitude")
-    add(
+    parser.flag("--sim", "simulated channel in place of the two B210s")
+    parser.option("--scene", f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
+    parser.option("--methods", "mitigation methods separated by commas, e.g. none,whitening,tcae")
+    parser.option("--overlap", "overlaps, 0..1", metavar="LIST")
+    parser.option("--sir-db", "signal-to-interference ratios, averaged over the sweep", metavar="LIST")
+    parser.option("--snr-db", "signal-to-noise ratios (simulated channel)", metavar="LIST")
+    parser.option("--altitudes", "altitudes in metres, in the order of the run", metavar="LIST")
+    parser.option("--frames", "frames at each altitude", int)
+    parser.flag(
         "--tracked",
-        action="store_true",
-        help="also run every point with altitudes that last for a tracker, and score it (simulated channel)",
+        "also run every point with altitudes that last for a tracker, and score it (simulated channel)",
     )
-    add("--seed", type=int, help="seed of everything random")
+    parser.option("--seed", "seed of everything random", int)
     add_own(parser)
     add_options(parser)
-    add(
-        "--plan",
-        action="store_true",
-        help="print the parts of the run and those left out, with reasons; run nothing",
-    )
-    add("--transmit", action="store_true", help="with radios: allow transmission into the scene's enclosure")
-    add("--check", action="store_true", help="print the settings of the radios, and transmit nothing")
-    add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
-    add("--capture", action="store_true", help="record the received samples, as SigMF below OUT/captures")
-    add("--replay", type=path, metavar="FILE", help="score every method on a SigMF recording")
-    add(
+    parser.flag("--plan", "print the parts of the run and those left out, with reasons; run nothing")
+    parser.flag("--transmit", "with radios: allow transmission into the scene's enclosure")
+    parser.flag("--check", "print the settings of the radios, and transmit nothing")
+    parser.flag("--calibrate", "measure and store the radios' latency over a cable")
+    parser.flag("--capture", "record the received samples, as SigMF below OUT/captures")
+    parser.option("--replay", "score every method on a SigMF recording", path, metavar="FILE")
+    parser.option(
         "--reference-m",
-        type=number(float, 0, 1e6),
+        "with --replay of another program's recording: altitude at its beginning",
+        number(float, 0, 1e6),
         metavar="M",
-        help="with --replay of another program's recording: altitude at its beginning",
     )
     return parser
 
@@ -142,32 +136,10 @@ def _require_radios(scene: Any, needed: int) -> None:
         )
 
 
-def _print_pd(out: Path) -> None:
-    """Print Pd and wrong altitudes by overlap and method, one block per panel."""
-    from ..overlap.panels import panels, series_of
-    from ..results.folder import read_report
-    from ..results.integrity import Integrity
-    from ..results.score import pool
-
-    report = read_report(out)
-    for title, mine in panels(report["rows"]):
-        methods = {method: max(6, len(method)) for method in series_of(mine)}
-        print(f"\nPd, {title}")
-        print("  overlap  " + "  ".join(f"{method:>{width}}" for method, width in methods.items()))
-        for overlap in sorted({r["overlap"] for r in mine}):
-            at = {r["method"]: r["pd"] for r in mine if r["overlap"] == overlap}
-            cells = {method: "-" if at[method] is None else f"{at[method]:.3f}" for method in methods}
-            print(f"  {overlap:7g}  " + "  ".join(f"{cells[m]:>{width}}" for m, width in methods.items()))
-    totals = {method: pool(rows) for method, rows in series_of(report["rows"]).items()}
-    wrong = ", ".join(f"{method} {total.wrong} of {total.trials}" for method, total in totals.items())
-    print(f"\nwrong and called valid, of all trials: {wrong}")
-    flown = []
-    for method, rows in series_of(report["tracked"]).items():
-        total = sum(map(Integrity.of_row, rows), Integrity())
-        hazardous = f"{total.hazardous} of {total.outputs} hazardous"
-        flown.append(f"{method} {total.availability:.3f} available, {hazardous}")
-    if flown:
-        print(f"tracked outputs: {', '.join(flown)}")
+def _print_verdict(out: Path) -> None:
+    """Print the report's first paragraph."""
+    verdict = (out / "report.md").read_text(encoding="utf-8").split("\n\n")[1]
+    print(f"\n{verdict.replace('**', '').replace('`', '')}")
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -192,7 +164,7 @@ def _calibrate(args: argparse.Namespace) -> int:
     scene = _scene(args)
     _require_radios(scene, 1)
     latency, path = calibrate(scene, transmit=args.transmit)
-    print(f"{PROGRAM}: latency {latency:.3f} samples -> {path}")
+    print(f"{named(PROGRAM)}: latency {latency:.3f} samples -> {path}")
     return 0
 
 
@@ -236,8 +208,10 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name must not leave results/
         options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
-    print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
-    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_pd)
+    print(f"{named(PROGRAM)}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
+    return run(
+        study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_verdict
+    )
 
 
 @command(PROGRAM)

@@ -9,26 +9,26 @@ Runs in real time without end. Endpoints are on loopback by default; there is no
 
 from collections.abc import Sequence
 
-from ..engine.options import Parser, command, names_of, number
+from ..engine.options import Parser, command, named, names_of, number
 
 PROGRAM, COMMAND = "ota_remote", "remote"
 
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
-    parser.add_argument("--sim", action="store_true", help="simulated channel in place of the two B210s")
-    parser.add_argument("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
-    parser.add_argument("--methods", default="none,tcae", help="methods separated by commas (%(default)s)")
-    parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556", help="PUB endpoint (%(default)s)")
-    parser.add_argument("--control", default="tcp://127.0.0.1:5557", help="REP endpoint (%(default)s)")
-    parser.add_argument("--network", action="store_true", help="allow endpoints that other machines reach")
-    parser.add_argument(
+    parser.flag("--sim", "simulated channel in place of the two B210s")
+    parser.option("--scene", "YAML file or shipped scene", default="paper_qpsk")
+    parser.option("--methods", "methods separated by commas", default="none,tcae")
+    parser.option("--telemetry", "PUB endpoint", default="tcp://127.0.0.1:5556")
+    parser.option("--control", "REP endpoint", default="tcp://127.0.0.1:5557")
+    parser.flag("--network", "allow endpoints that other machines reach")
+    parser.option(
         "--keep-alive-s",
-        type=number(float, 0, 86400),
-        default=0.0,
-        help="with radios: stop transmitting after this time without a request; 0 (default): never",
+        "with radios: stop transmitting after this time without a request; 0 (default): never",
+        number(float, 0, 86400),
+        0.0,
     )
-    parser.add_argument("--transmit", action="store_true", help="with radios: allow transmission")
+    parser.flag("--transmit", "with radios: allow transmission")
     return parser
 
 
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         keep_alive_s=args.keep_alive_s,
         sim=args.sim,
         transmit=args.transmit,
-        log=lambda line: print(f"{PROGRAM}: {line}", flush=True),
+        log=lambda line: print(f"{named(PROGRAM)}: {line}", flush=True),
     )
-    print(f"{PROGRAM}: frames {state['frames']}, dropped {state['segmenter']['dropped_slow']}")
+    print(f"{named(PROGRAM)}: frames {state['frames']}, dropped {state['segmenter']['dropped_slow']}")
     return 0

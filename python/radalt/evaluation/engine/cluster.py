@@ -48,10 +48,7 @@ class Cluster:
 
     Raises WorkerError if no scheduler answers within `CONNECT_S`, or it has no worker within `WORKERS_S`; one line.
 
-    Parameters
-    ----------
-    scheduler : str
-        ``tcp://host:8786`` (any address of Dask's), or the path of a scheduler file.
+    ``scheduler``: ``tcp://host:8786`` (any address of Dask's), or the path of a scheduler file.
     """
 
     def __init__(self, scheduler: str) -> None:

@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..results.folder import FolderError, RunFolder
+from ..results.folder import FolderError, RunFolder, check_writable
 from ..results.table import counted
-from .options import EXPECTED, Options, Terminated, complain, duration
-from .publish import check_target, publish
+from .options import EXPECTED, Options, Terminated, complain, duration, named
+from .publish import publish
 from .run import Progress, head_of, run
 from .study import Study
 
@@ -71,7 +71,7 @@ def main(
     The status is 0, 2 after one line about an error, 130 when interrupted, 143 when terminated. ``after`` is called
     with the result folder, prints a summary, and may return another status.
     """
-    begin = time.monotonic()
+    begin, program = time.monotonic(), named(program)
     bar = Bar(describe)
     try:
         if not isinstance(study, Study):
@@ -80,7 +80,7 @@ def main(
         if options.publish is not None:
             if not study.published:
                 raise FolderError(f"--publish {options.publish}: this study has no page in the documentation")
-            check_target(options.publish)
+            check_writable("--publish", options.publish)  # the page is copied after hours of measurement
         points = study.points()
         frames = counted(sum(p.frames for p in points), "frame")
         print(f"{program}: {counted(len(points), 'point')}, {frames} -> {options.out}", flush=True)

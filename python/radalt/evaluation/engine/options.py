@@ -16,11 +16,11 @@ import threading
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ...core.parsing.messages import MINUS, did_you_mean
 from ...core.paths import no_gnu_radio
-from ...core.text import one_line, said
+from ...core.text import MOST, one_line, said, showable
 
 MAX_JOBS = 256  # most local workers: more than any machine's cores
 MAX_SEED = 2**63 - 1  # largest seed: int64
@@ -40,7 +40,7 @@ def complain(program: str, error: object) -> None:
     text = said(error) if isinstance(error, BaseException) else str(error)
     if isinstance(error, ImportError) and (error.name or "").split(".")[0] in ("gnuradio", "pmt"):
         text = no_gnu_radio()
-    print(one_line(f"{program}: {text}"), file=sys.stderr)
+    print(one_line(f"{named(program)}: {text}"), file=sys.stderr)
 
 
 def number(kind: type, low: float, high: float) -> Callable[[str], float]:
@@ -65,6 +65,15 @@ def path(text: str) -> Path:
     if not text.strip() or "\0" in text or len(os.fsencode(text)) > 4000:
         raise argparse.ArgumentTypeError("it is empty, too long or holds a NUL; name a file or folder")
     return Path(text)
+
+
+def words(text: str) -> str:
+    """Argument ``type=`` for a text in a page."""
+    if not showable(text):
+        raise argparse.ArgumentTypeError(
+            f"it has to be printable, at most {MOST} characters, without < > | and links"
+        )
+    return text
 
 
 def check_ours(file: Path, mark: str) -> None:
@@ -163,15 +172,20 @@ class Options:
     scheduler: str = ""  # address or scheduler file of a Dask cluster; empty for local processes
     time_limit_s: float = 120.0  # longest time for one point
     command: str = ""  # command line for the report
+    by: str = ""  # who measures and where, for the report
     publish: Path | None = None  # folder for the study's page, figures and data under their stable names
+
+
+def named(program: str) -> str:
+    """Name of a program in its messages: ``radalt eval`` if called so (evaluation/programs.py), else its script's."""
+    return sys.argv[0] if sys.argv[0].startswith("radalt ") else program
 
 
 def typed(program: str) -> str:
     """Command of a program for the user: ``radalt eval`` if called so, else its script."""
-    called = sys.argv[0]  # see evaluation/programs.py
-    if called.startswith("radalt "):
-        return called
-    folder = Path(called).resolve().parent.name
+    if named(program) != program:
+        return named(program)
+    folder = Path(sys.argv[0]).resolve().parent.name
     folder = folder if folder in ("tools", "training") else "flowgraphs"
     return f"{'PYTHONPATH=python ' * (folder == 'training')}.venv/bin/python {folder}/{program}.py"
 
@@ -189,6 +203,18 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
 
+    def option(
+        self, name: str, help: str, kind: Callable[[str], object] = str, default: object = None, **more: Any
+    ) -> None:
+        """An option with a value; its help text ends with the default, unless it says that itself."""
+        if default not in (None, "") and "default" not in help:
+            help = f"{help} (default: %(default)s)".lstrip()
+        self.add_argument(name, type=kind, default=default, help=help, **more)
+
+    def flag(self, name: str, help: str) -> None:
+        """An option without a value."""
+        self.add_argument(name, action="store_true", help=help)
+
     def error(self, message: str) -> NoReturn:
         """One line, status 2."""
         strange = message.removeprefix("unrecognized arguments: ").split()[0].partition("=")[0]
@@ -200,39 +226,29 @@ class Parser(argparse.ArgumentParser):
 def add_options(
     parser: argparse.ArgumentParser, *, out: str | None = None, time_limit_s: float = 120.0
 ) -> None:
-    """``--out --resume --publish --jobs --scheduler --time-limit-s --dry-run``, equal for every study.
+    """``--out --resume --by --publish --jobs --scheduler --time-limit-s --dry-run``, equal for every study.
 
     ``--seed`` is an option of the study, since rows depend on it.
     """
-    add = parser.add_argument
     default = f" (default: {out})" if out else ""
-    add("--out", type=path, default=out and Path(out), help=f"result folder{default}")
-    add("--resume", action="store_true", help="complete the run in --out")
-    add(
+    parser.option("--out", f"result folder{default}", path, out and Path(out))
+    parser.flag("--resume", "complete the run in --out")
+    parser.option("--by", "who measures and where, for the report and for collect", words, "", metavar="TEXT")
+    parser.option(
         "--publish",
-        type=path,
+        "at the end, copy page, figures and data to DIR under the names that the documentation links to",
+        path,
         metavar="DIR",
-        help="at the end, copy page, figures and data to DIR under the names that the documentation links to",
     )
-    add(
-        "--jobs",
-        type=number(int, 1, MAX_JOBS),
-        default=2,
-        help="local worker processes (default: %(default)s); rows do not depend on it",
-    )
-    add(
+    parser.option("--jobs", "local worker processes; rows do not depend on it", number(int, 1, MAX_JOBS), 2)
+    parser.option(
         "--scheduler",
+        "run the points on a Dask cluster: tcp://host:8786, or its scheduler file; rows do not depend on it",
         default="",
         metavar="ADDRESS|FILE",
-        help="run the points on a Dask cluster: tcp://host:8786, or its scheduler file; rows do not depend on it",
     )
-    add(
-        "--time-limit-s",
-        type=number(float, 1e-3, 1e7),
-        default=time_limit_s,
-        help="longest time for one point (default: %(default)g)",
-    )
-    add("--dry-run", action="store_true", help="print points and frames; measure nothing")
+    parser.option("--time-limit-s", "longest time for one point", number(float, 1e-3, 1e7), time_limit_s)
+    parser.flag("--dry-run", "print points and frames; measure nothing")
 
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:
@@ -258,7 +274,7 @@ def names_of(parser: Parser, option: str, text: str, known: Collection[str]) -> 
 
 
 # options on which no row depends
-_NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
+_NO_ROW = frozenset(("out", "resume", "by", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
 
 
 def command_of(args: argparse.Namespace, parser: Parser) -> str:

@@ -1,7 +1,9 @@
 """Options of a user's own methods: networks and method files as rows of their own."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from .options import Parser, path
 
@@ -46,4 +48,29 @@ def own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
                     f"{option} {text[:60]!r}: {name} is there already; give each a name, NAME=FILE"
                 )
             out[name] = {**own, key: found}
+    return out
+
+
+def option_files(options: Mapping[str, Mapping[str, Any]]) -> dict[str, Path]:
+    """Models and method files in options by method, named by method and key; a network's decoder as ``model+``."""
+    from ...core.mitigation.onnx_network import network_files
+
+    return {
+        f"{method} {key}{k * '+'}": path
+        for method, given in options.items()
+        for key in ("model", "file")
+        for k, path in enumerate(network_files(given[key]) if given.get(key) else ())
+    }
+
+
+def with_option_files(
+    given: Mapping[str, Mapping[str, Any] | None], files: Mapping[str, Path]
+) -> dict[str, dict[str, Any]]:
+    """Options with the files of `option_files` at other paths."""
+    out = {name: dict(options or {}) for name, options in given.items()}
+    for name, file in files.items():
+        method, key = name.rsplit(" ", 1)
+        options = out.setdefault(method, {})
+        decoder = key.endswith("+")  # follows its encoder
+        options[key.rstrip("+")] = f"{options['model']}+{file}" if decoder else str(file)
     return out

@@ -61,8 +61,8 @@ def run_tasks(
     """Yield ``(index, function(task))`` as tasks finish, in no particular order.
 
     ``function``, importable by name, and the tasks are pickled; each of ``jobs`` spawned processes runs many tasks,
-    each task at most ``time_limit_s``. ``label`` names a task in error messages. Raises WorkerError if a worker dies, a
-    task exceeds its time or fails with an error meant for the user. The other workers are stopped.
+    each task at most ``time_limit_s``. ``label`` names a task in error messages. Raises WorkerError if a worker dies,
+    a task exceeds its time or fails with an error meant for the user. The other workers are stopped.
     """
     if not tasks:
         return
@@ -134,10 +134,10 @@ def _enter(*initialized: Semaphore) -> None:
     """Start of a process that measures: pin it to a core, turn ``os._exit(0)`` of a user's method into a failure.
 
     A flowgraph's threads share one interpreter, so a second core gains nothing and changes of core cost time: `none`
-    and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one. pebble takes exit status 0 for the regular
-    end of a worker, and its task would wait for the time limit. pebble sends SIGTERM right after closing the pipes. A
-    worker that is ending then ignores it, since Python without its handlers would print a traceback; pebble kills a
-    worker that does not end.
+    and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one. pebble takes exit status 0 for the
+    regular end of a worker, and its task would wait for the time limit. pebble sends SIGTERM right after closing the
+    pipes. A worker that is ending then ignores it, since Python without its handlers would print a traceback; pebble
+    kills a worker that does not end.
     """
     if hasattr(os, "sched_setaffinity"):
         free = (core for core in sorted(os.sched_getaffinity(0)) if _claim(core))
@@ -159,8 +159,8 @@ def _claim(core: int) -> bool:
     """Claim a core for this process; False if another measuring process of this machine has it.
 
     The claim is a name in Linux's abstract socket namespace, unique per machine (or container) and released by the
-    system when the process ends. Workers of two runs, or of two Dask workers, thus use different cores. Workers without
-    a free core are not pinned.
+    system when the process ends. Workers of two runs, or of two Dask workers, thus use different cores. Workers
+    without a free core are not pinned.
     """
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:

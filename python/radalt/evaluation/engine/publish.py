@@ -5,20 +5,6 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..results.folder import FolderError
-
-
-def check_target(target: Path) -> None:
-    """Raise FolderError, one line, if `publish` cannot write into a folder or create it.
-
-    It is called before the run, since the page is copied after hours of measurement.
-    """
-    there = next(p for p in (target, *target.absolute().parents) if p.exists())
-    if not there.is_dir():
-        raise FolderError(f"--publish {target}: {there} is no folder; name another")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise FolderError(f"--publish {target}: {there} may not be written; name another folder")
-
 
 def publish(result: Path, files: Mapping[str, str], target: Path) -> list[Path]:
     """Copy files of a finished run into ``target``, by `Study.published`; links between them follow in Markdown.

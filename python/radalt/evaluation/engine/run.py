@@ -80,6 +80,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
             wall_s=round(time.monotonic() - begin, 3),
             peak_memory_bytes=peak_memory_bytes() + sum(peaks.values()),
             command=options.command,
+            by=options.by,
         )
         with own_style():
             return study.report(folder, _write_tables(study, points, folder), facts)

@@ -31,6 +31,7 @@ class Run:
     wall_s: float
     peak_memory_bytes: int
     command: str = ""
+    by: str = ""  # who measured and where
 
     def as_dict(self) -> dict[str, Any]:
         """As a mapping for ``report.json``."""

@@ -6,9 +6,9 @@ The flowgraph, the reports and ``ota_eval.py --plan`` use this list. The planner
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ...core.altimeter.altimeter import Altimeter, shared_altimeter
+from ...core.altimeter.altimeter_settings import AltimeterSettings
 from ...core.channel.settings import ChannelSettings
-from ...core.receiver.altimeter import Altimeter, shared_altimeter
-from ...core.receiver.altimeter_settings import AltimeterSettings
 from ...core.scene import Scene
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Reason
 from ...core.radio.recording import Capture, RecordingError, open_capture
-from ...core.receiver.altimeter import Reason
 from ...core.scene import Scene
 from ..overlap.points import changed, sweep_points
 from ..overlap.rows import COLUMNS
@@ -40,18 +40,9 @@ def score_recording(
     Returns rows of `make_row` where the altitudes are known, else of `summary`. Raises RecordingError, SceneError,
     MitigationError, FlowgraphError, one line.
 
-    Parameters
-    ----------
-    path : path
-        ``.sigmf-meta``.
-    out : Path
-        Result folder.
-    scene : Scene, optional
-        Needed for recordings of other programs; for those of this program it replaces all but altitudes and seed.
-    methods, own
-        As in `changed`.
-    reference_m : float, optional
-        Altitude at the beginning of another program's recording. Without it, altitudes are relative to the beginning.
+    ``path``: ``.sigmf-meta``; ``out``: result folder; ``scene``: needed for recordings of other programs; for those
+    of this program it replaces all but altitudes and seed; ``methods``, ``own``: as in `changed`; ``reference_m``:
+    altitude at the beginning of another program's recording. Without it, altitudes are relative to the beginning.
     """
     capture = open_capture(path)
     placed, known = replay_scene(capture, scene)

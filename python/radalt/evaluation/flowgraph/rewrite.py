@@ -38,9 +38,9 @@ def save_grc(data: dict[str, Any], path: Path) -> None:
 def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
     """The flowgraph, under another identifier, with one simulated channel in place of its UHD blocks.
 
-    Gates, interlock and set-up of the radios are removed; the source before a gate is connected to the channel. Frames
-    are never dropped, since waiting loses nothing in simulation. Nothing else differs. With ``realtime`` the channel
-    limits the throughput to the sample rate, as radios do.
+    Gates, interlock and set-up of the radios are removed; the source before a gate is connected to the channel.
+    Frames are never dropped, since waiting loses nothing in simulation. Nothing else differs. With ``realtime`` the
+    channel limits the throughput to the sample rate, as radios do.
     """
     data, blocks = _renamed(data, name)
     options = data["options"]["parameters"]

@@ -35,8 +35,8 @@ def run_to_end(
     """Run a flowgraph that is not yet started until its stream ends or ``over`` says so; returns its wall seconds.
 
     It has ended when the function returns or raises: FlowgraphError if it does not end within its limit, or does not
-    stop; an exception of a block's ``work``, unchanged. ``over`` is called every ``poll_s`` seconds during the run, and
-    once after its end; true ends the run. It is for endless streams, and for observation. ``too_long`` gives the
+    stop; an exception of a block's ``work``, unchanged. ``over`` is called every ``poll_s`` seconds during the run,
+    and once after its end; true ends the run. It is for endless streams, and for observation. ``too_long`` gives the
     message for a run beyond its limit, which is the argument.
     """
     begin = time.perf_counter()

@@ -84,8 +84,8 @@ def rmse_interval(row: dict[str, Any]) -> tuple[float, float]:
     """95 % interval of the forced RMSE in metres; NaN without a forced decision.
 
     The variance of the mean square error follows from that of the squared error over frames (delta method on the
-    logarithm, which keeps the interval above zero). Errors of false peaks have long tails: with only a few of them the
-    interval is too narrow.
+    logarithm, which keeps the interval above zero). Errors of false peaks have long tails: with only a few of them
+    the interval is too narrow.
     """
     n, fourth = row["forced"], row["fourth_forced_m4"]
     if not n or fourth is None:

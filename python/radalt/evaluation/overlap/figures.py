@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..results.figure import new_figure, save_figure, say
-from ..results.score import CORRECT_LIMIT_M
+from ..results.pareto import draw_pareto
+from ..results.score import CORRECT_LIMIT_M, pool
 from ..results.style import series_style
 from .altitudes import ERRORS_M, groups
-from .panels import Row, panels, series_of, spread
+from .panels import Row, common, panels, series_of, spread
 
 _PD_LABEL = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
 _WIDTH = 3.5  # width of a panel, inches: the column of a two-column page
@@ -56,18 +57,9 @@ def draw_pd(
 ) -> Any:
     """Pd with 95 % Wilson intervals against overlap, a panel for each SIR, or against SIR, a panel for each overlap.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Rows of a report; a key ``series`` overrides ``method`` as the label.
-    path : Path or None
-        PNG to write; None leaves the returned figure to pyplot.
-    title : str
-        Title of the figure.
-    ceiling : float, optional
-        Pd without interference and without mitigation, drawn as a line.
-    against : str
-        ``"overlap"`` or ``"sir_db"``.
+    ``rows``: rows of a report; a key ``series`` overrides ``method`` as the label; ``path``: PNG to write; None
+    leaves the returned figure to pyplot. ``title``: title of the figure; ``ceiling``: Pd without interference and
+    without mitigation, drawn as a line; ``against``: ``"overlap"`` or ``"sir_db"``.
     """
 
     def dress(axis: Any, mine: Sequence[Row]) -> None:
@@ -138,6 +130,26 @@ def draw_pd_by_altitude(rows: Sequence[Row], path: Path | None, *, title: str) -
         axis.set_ylim(-0.04, 1.04)
     note = f"all overlaps above 0 together{left_out}; bars: 95 % Wilson intervals"
     return _finish(figure, axes, path, f"{title}\n{note}", _PD_LABEL)
+
+
+def draw_cost(rows: Sequence[Row], path: Path) -> list[tuple[str, str]]:
+    """Draw Pd against run time of several methods into a folder; returns (file, caption), none for a single method."""
+    by_method = series_of(common(rows))
+    points = {
+        name: (float(np.median([_number(row["ms_per_frame_median"]) for row in mine])), pool(mine).pd)
+        for name, mine in by_method.items()
+    }
+    points = {name: point for name, point in points.items() if np.isfinite(point[0])}
+    if len(points) < 2:
+        return []
+    draw_pareto(
+        points,
+        path / "pd_vs_runtime.png",
+        cost="CPU time of the method per frame / ms, median, in the method's batches",
+        gain="Pd, all overlaps above 0",
+        verb="is right most often",
+    )
+    return [("pd_vs_runtime.png", "Error against run time: Pd over all overlaps above 0, and time per frame")]
 
 
 def _few(rows: Sequence[Row]) -> tuple[list[tuple[str, list[Row]]], str]:
@@ -272,7 +284,9 @@ def _plot(
     k, count = place
     size = (6.0 if style["marker"] == "*" else 4.0) + 0.9 * (count - 1 - k)
     style_options = {"lw": 1.1, "elinewidth": 0.7, "capsize": 1.5, "ms": size, "markeredgewidth": 0.9}
-    axis.errorbar(x, y, yerr=bars, zorder=3 + k, **style_options, **style)
+    drawn = axis.errorbar(x, y, yerr=bars, zorder=3 + k, **style_options, **style)
+    for part in drawn.get_children():
+        part.set_gid(f"series {style['label']}")  # for the switches of report.html
     say(axis, x, y, tips)
 
 
@@ -282,8 +296,8 @@ def _tips(rows: Sequence[Row], name: str, against: str, words: Callable[[Row], s
 
 
 def _grid(count: int, against: str, *, shown: bool) -> tuple[Any, list[Any]]:
-    """A figure with ``count`` panels, at most three in a row."""
-    columns = min(count, 3)
+    """A figure with ``count`` panels, two in a row: as wide as a column of print holds at its type."""
+    columns = min(count, 2)
     lines = -(-count // columns)
     figure = new_figure(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5, dpi=200, shown=shown)
     axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
@@ -293,7 +307,7 @@ def _grid(count: int, against: str, *, shown: bool) -> tuple[Any, list[Any]]:
         axis.grid(True, lw=0.4, color="#DDDDDD")
         axis.set_axisbelow(True)
         # the last panel of each column has the axis labels, also if the last row is not full
-        axis.tick_params(labelsize=8, labelbottom=k + columns >= count)
+        axis.tick_params(labelsize=8.5, labelbottom=k + columns >= count)
         axis.spines[["top", "right"]].set_visible(False)
         if k + columns >= count:
             axis.set_xlabel(_AXES[against].label, fontsize=9)
@@ -308,7 +322,7 @@ def _finish(figure: Any, axes: Sequence[Any], path: Path | None, title: str, yla
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(ylabel, fontsize=9)
     handles = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
-    style_options = {"loc": "outside lower center", "fontsize": 7.5, "frameon": False, "handlelength": 3.4}
+    style_options = {"loc": "outside lower center", "fontsize": 8.5, "frameon": False, "handlelength": 3.4}
     for columns in (4, 3, 2, 1):  # as many as the figure is wide for
         legend = figure.legend(handles.values(), handles.keys(), ncols=columns, **style_options)
         if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:

@@ -12,54 +12,48 @@ from ..results.proportion import paired_difference
 from ..results.rows import unbits
 from ..results.score import pool
 from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
-from .altitudes import groups
-from .panels import Row, panels, series_of, spread, with_interference
+from .panels import Row, common, panels, series_of, spread, with_interference
 
 _TRACKED = ("wrong_5m", "misleading", "hazardous")
+NOT_MEASURED = "not measured"
 
 
-def report_markdown(
-    report: dict[str, Any], figures: Sequence[tuple[str, str]], altitudes: Sequence[Row] = ()
-) -> str:
+def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
     """report.md from the content of report.json; ``figures`` are (file, caption)."""
     rows = report["rows"]
     tables = {
         "pd_tables": pd_tables(rows),
         "error_tables": _by_panel(rows, _errors),
-        "glance": glance(rows),
+        "glance": glance([*rows, *report["ceiling"]]),
         "ceiling_table": _ceiling(report),
         "method_table": _methods(report),
         "break_points": _break_points(report),
         "tracked_table": tracked_table(report["tracked"]),
-        "altitude_tables": _altitude_tables(altitudes),
     }
     # the segmenter's counters are equal for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
     values = report | tables | {"figures": figures, "frames_lost": lost, "summary": summary(report)}
-    values["verdict"] = verdict(report)
+    values["verdict"] = verdict(rows, report["source"], report["scene"]["waveform"])
     return render(Path(__file__).with_name("report.md.j2"), **values)
 
 
 def summary(report: dict[str, Any]) -> str:
-    """Summary of the run in a paragraph."""
-    altitude, waveform = report["scene"]["altitude"], report["scene"]["waveform"]
+    """What was run, in a sentence."""
+    altitude = report["scene"]["altitude"]
     heights = altitude["programme_m"]
-    text = f"{report['title']}. {report['scene']['description']}".rstrip(". ") + "."
     return (
-        f"{text} Radar: {waveform['bandwidth_hz'] / 1e6:g} MHz sweep in {waveform['sweep_s'] * 1e3:g} ms at "
-        f"{waveform['carrier_hz'] / 1e9:g} GHz, {waveform['rate_hz'] / 1e6:g} MS/s. "
-        f"{counted(len(heights), 'altitude')} from {max(heights):g} m to {min(heights):g} m "
-        f"({altitude['mode'].replace('_', ' ')}), {counted(altitude['frames'], 'frame')} at each: "
-        f"{counted(report['trials_per_point'], 'trial')} per point and method. "
-        f"Source: {report['source']}. Seed {report['seed']}."
+        f"{report['title']}; {counted(len(heights), 'altitude')} from {max(heights):g} m to {min(heights):g} m, "
+        f"{counted(altitude['frames'], 'frame')} at each: {counted(report['trials_per_point'], 'trial')} per point and "
+        f"method. Source: {report['source']}, seed {report['seed']}."
     )
 
 
-def verdict(report: dict[str, Any]) -> str:
-    """What the run says: the best method against the next that differs, the most wrong altitudes, the reach."""
-    by_method = series_of(r for r in with_interference(report["rows"]) if r["trials"])
-    totals = {name: pool(mine) for name, mine in by_method.items()}
-    best, *others = sorted(totals, key=lambda name: -totals[name].pd)
+def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
+    """What rows say: the best method against the next that differs, the most wrong altitudes, the reach."""
+    measured = [r for r in with_interference(rows) if r["trials"]]
+    rows = common(rows)
+    where = "all overlaps above 0" if len(rows) == len(measured) else "the points that every method has"
+    totals = {name: pool(mine) for name, mine in series_of(rows).items()}
     worst = max(totals, key=lambda name: totals[name].wrong)
     total, bound = totals[worst], 100 * totals[worst].wrong_bound
     named = (
@@ -67,66 +61,67 @@ def verdict(report: dict[str, Any]) -> str:
         if total.wrong
         else f"none of {total.trials} of any method"
     )
+    best, *others = by_pd(rows)
     return (
-        f"**`{best}` is right most often, with a Pd of {totals[best].pd:.3f}** over all overlaps above 0"
-        f"{_apart(best, others, {name: _right(mine) for name, mine in by_method.items()})}. "
-        f"Most wrong and valid: {named} (95 % bound {bound:.2g} %). "
-        f"{'Simulated' if report['source'] == 'simulated' else 'Off the air'}, with a sweep of "
-        f"{report['scene']['waveform']['bandwidth_hz'] / 1e6:g} MHz and samples before the mixer."
+        f"**`{best}` is right most often, with a Pd of {totals[best].pd:.3f}** over {where}"
+        f"{_apart(rows, best, others)}. Most wrong and valid: {named} (95 % bound {bound:.2g} %). "
+        f"{'Simulated' if source == 'simulated' else 'Off the air'}, with a sweep of "
+        f"{waveform['bandwidth_hz'] / 1e6:g} MHz and samples before the mixer."
     )
 
 
-def _apart(best: str, others: Sequence[str], right: dict[str, np.ndarray | None]) -> str:
+def by_pd(rows: Sequence[Row]) -> list[str]:
+    """The rows' series, that with the highest Pd over all rows first."""
+    totals = {name: pool(mine).pd for name, mine in series_of(rows).items()}
+    return sorted(totals, key=lambda name: -totals[name])
+
+
+def _apart(rows: Sequence[Row], best: str, others: Sequence[str]) -> str:
     """The next method, of ``others`` from the best on, that differs on the same frames, and those that do not."""
     level: list[str] = []
     for name in others:
-        ours, theirs = right[best], right[name]
-        if ours is None or theirs is None or ours.size != theirs.size:
+        found = paired(rows, best, name)
+        if found is None:
             return ""
-        difference, low, high = paired_difference(ours, theirs)
+        frames, difference, low, high = found
         if low > 0:
             like = f"; level with {', '.join(level)}" if level else ""
-            return f", {difference:.3f} ({low:.3f} to {high:.3f}) above `{name}` on the same {ours.size} frames{like}"
+            return f", {difference:.3f} ({low:.3f} to {high:.3f}) above `{name}` on the same {frames} frames{like}"
         level.append(f"`{name}`")
     return f"; level with {', '.join(level)}" if level else ""
 
 
-def _right(rows: Sequence[Row]) -> np.ndarray | None:
-    """(n,) bool of all trials of the rows; None where one does not hold its bits."""
-    if not all(r.get("right") for r in rows):
+def paired(rows: Sequence[Row], one: str, other: str) -> tuple[int, float, float, float] | None:
+    """Frames that two series share, and the difference of their Pd on these with its 95 % interval; None without any.
+
+    Rows of a point and a seed have the same frames; on the air, where none comes twice, those of one ``run``.
+    """
+    mine: dict[tuple[Any, ...], dict[str, Row]] = {}
+    for row in rows:
+        if row.get("right"):
+            key = (*(row[k] for k in ("overlap", "sir_db", "snr_db", "seed", "trials")), row.get("run"))
+            mine.setdefault(key, {})[row.get("series", row["method"])] = row
+    both = [(at[one], at[other]) for at in mine.values() if one in at and other in at]
+    if not both:
         return None
-    return np.concatenate([unbits(r["right"], r["trials"]) for r in rows])
+    ours, theirs = (
+        np.concatenate([unbits(r["right"], r["trials"]) for r in side]) for side in zip(*both, strict=True)
+    )
+    return ours.size, *paired_difference(ours, theirs)
 
 
-def every_row(rows: Sequence[Row]) -> str:
-    """A heading and a table of all rows."""
-    header = [
-        "method",
-        "interference",
-        "overlap",
-        "SIR / dB",
-        "SNR / dB",
-        "trials",
-        "Pd (95 % interval)",
-        "wrong",
-    ]
-    header += ["its bound", "RMSE detected / m", "RMSE forced / m", "bias / m", "peak to sidelobe / dB"]
-    lines = [
-        [
-            *(r["method"], r["interference"]),
-            *(number(r[name], 2) for name in ("overlap", "sir_db", "snr_db")),
-            r["trials"],
-            _pd(r),
-            r["detections"] - r["correct"],
-            number(r["wrong_bound"], 4),
-            *(metres(r[name]) for name in ("rmse_detected_m", "rmse_forced_m", "bias_m")),
-            number(r["peak_to_sidelobe_db"], 1),
-            number(r.get("ms_per_frame_median"), 3),
-        ]
-        for r in rows
-    ]
-    rows_table = table([*header, "ms per frame"], lines)
-    return f"## Every row\n\nThe same rows, with more columns, are in rows.csv.\n\n{rows_table}\n"
+def against(rows: Sequence[Row], best: str) -> str:
+    """Table of a series against every other, paired on the frames that both have."""
+    lines = []
+    for name in by_pd(rows):
+        found = paired(rows, best, name)
+        if name != best:
+            shown = [NOT_MEASURED] * 2
+            if found is not None:
+                frames, difference, low, high = found
+                shown = [str(frames), f"{difference:+.3f} ({low:+.3f} to {high:+.3f})"]
+            lines.append([best, name, *shown])
+    return table(["A", "B", "frames of both", "Pd of A less that of B"], lines)
 
 
 def _pd(row: Row) -> str:
@@ -152,48 +147,43 @@ def _by_panel(rows: Sequence[Row], cell: Callable[[Row], str]) -> str:
         lines = []
         for overlap in sorted({r["overlap"] for r in mine}):
             at = {name: r for name, of in series.items() for r in of if r["overlap"] == overlap}
-            cells = (cell(at[name]) if name in at else "" for name in series)
+            cells = (cell(at[name]) if name in at else NOT_MEASURED for name in series)
             lines.append([f"{overlap:g}", spread(at.values()), *cells])
         out += [f"### {title}", table(["overlap", "trials", *series], lines)]
     return "\n\n".join(out)
 
 
-def _altitude_tables(rows: Sequence[Row]) -> str:
-    """A heading and a table of Pd by altitude for each panel, over all overlaps above 0."""
-    out = []
-    for title, mine in panels(with_interference(rows)):
-        methods = list(series_of(mine))
-        known = groups(mine, "altitude_low_m", "altitude_high_m", "method")
-        lines = []
-        for low, high in sorted({key[:2] for key in known}):
-            of = [known[low, high, method] for method in methods]
-            name = f"{low:g}" if low == high else f"{low:g}{DASH}{high:g}"
-            lines.append([name, spread(of), *map(_pd, of), *(number(r["pd_3pct"], 3) for r in of)])
-        out += [
-            f"### {title}",
-            table(["altitude / m", "trials", *methods, *(f"{m}, 5 m or 3 %" for m in methods)], lines),
-        ]
-    return "\n\n".join(out)
-
-
 def glance(rows: Sequence[Row]) -> str:
-    """Pd and rate of wrong and valid altitudes per method, over all overlaps of a panel above 0."""
+    """Pd and wrong and valid altitudes per series over all overlaps of a panel above 0; Pd at overlap 0; cost."""
     split = panels(with_interference(rows))
     lines = []
-    for method in dict.fromkeys(r["method"] for r in rows):
+    for name, mine in series_of(rows).items():
         cells = []
-        for _, mine in split:
-            total = pool([r for r in mine if r["method"] == method])
-            wrong = total.wrong / total.trials if total.trials else 0.0
-            cells += [
-                number(total.pd, 3),
-                number(total.pd_3pct, 3),
-                f"{wrong:.4f}",
-                f"{total.wrong_bound:.4f}",
+        for _, panel in split:
+            total = pool(series_of(panel).get(name, []))
+            cells += (
+                [
+                    number(total.pd, 3),
+                    number(total.pd_3pct, 3),
+                    f"{total.wrong / total.trials:.4f}",
+                    f"{total.wrong_bound:.4f}",
+                ]
+                if total.trials
+                else [NOT_MEASURED] * 4
+            )
+        # at overlap 0 one measurement serves all panels
+        clear = pool(list({r["snr_db"]: r for r in mine if not r["overlap"]}.values()))
+        times = [r["ms_per_frame_median"] for r in mine if r["ms_per_frame_median"] is not None]
+        lines.append(
+            [
+                name,
+                *cells,
+                number(clear.pd, 3) if clear.trials else NOT_MEASURED,
+                number(float(np.median(times)), 2) if times else NOT_MEASURED,
             ]
-        lines.append([method, *cells])
+        )
     header = [f"{name}, {title}" for title, _ in split for name in ("Pd", "5 m or 3 %", "wrong", "bound")]
-    return table(["method", *header], lines)
+    return table(["method", *header, "Pd at overlap 0", "ms per frame"], lines)
 
 
 def tracked_table(rows: Sequence[Row]) -> str:
@@ -247,18 +237,7 @@ def _methods(report: dict[str, Any]) -> str:
         known = report["methods"].get(method, {})
         model = f"{known['model']} `{known['sha256'][:12]}`" if "sha256" in known else ""
         model += " (placeholder)" if known.get("placeholder") else ""
-        lines.append([method, f"{medians[len(medians) // 2]:.2f}", f"{worst:.2f}", _divergence(mine), model])
-    header = ["method", "median ms per frame", "99th percentile, worst point", "diverged", "model"]
+        diverged = sum(r["diverged_frames"] for r in mine)
+        lines.append([method, f"{medians[len(medians) // 2]:.2f}", f"{worst:.2f}", diverged, model])
+    header = ["method", "median ms per frame", "99th percentile, worst point", "frames diverged", "model"]
     return table(header, lines)
-
-
-def _divergence(rows: Sequence[Row]) -> str:
-    """Number of diverged frames, and where they begin."""
-    diverged = [r for r in rows if r["diverged_frames"]]
-    if not diverged:
-        return "none"
-    text = counted(sum(r["diverged_frames"] for r in diverged), "frame")
-    low = min(r["overlap"] for r in diverged)
-    sirs = sorted({r["sir_db"] for r in diverged if r["sir_db"] is not None})
-    text += f", from overlap {low:g} on" if low else ""
-    return text + (" at " + ", ".join(f"{s:g}" for s in sirs) + " dB SIR" if sirs else "")

@@ -62,6 +62,15 @@ def with_interference(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if row["overlap"] > 0] or list(rows)
 
 
+def common(rows: Sequence[Row]) -> list[Row]:
+    """Rows with trials above overlap 0, of the points that every series has; of all points where none is common."""
+    rows = [row for row in with_interference(rows) if row["trials"]]
+    names = ("interference", "overlap", "sir_db", "snr_db")
+    by_series = [{tuple(row[name] for name in names) for row in mine} for mine in series_of(rows).values()]
+    shared = set.intersection(*by_series)
+    return [row for row in rows if tuple(row[name] for name in names) in shared] or rows
+
+
 def spread(rows: Iterable[Row]) -> str:
     """Number of trials of the rows: one number, or the smallest and the largest."""
     trials = sorted({row["trials"] for row in rows})

@@ -10,26 +10,30 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ...core.parsing import shown
 from ..results.figure import own_style
 from ..results.folder import SCHEMA, RunFolder, flatten, versions
 from ..results.page import render, write_page
 from ..results.score import pool
 from ..results.table import table
-from .figures import draw_pd
-from .markdown import every_row, glance, pd_tables
-from .panels import Row, swept_axes
+from .figures import draw_cost, draw_pd
+from .markdown import against, by_pd, glance, pd_tables, verdict
+from .panels import Row, common, series_of, swept_axes, with_interference
 from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
 
 _REPRODUCED = [c for c in COLUMNS.names if c not in COLUMNS.timing]  # columns that a repetition has again
-POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in _REPRODUCED if c not in ("seed", "right"))))
+_SINGLE = ("seed", "right", "real_time_factor")  # columns of a single run
+POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in COLUMNS.names if c not in _SINGLE)))
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
 _NOT_EMITTER = ("sir_db", "overlap")  # keys of an interferer that are axes of the report
 _BEFORE_ALL = -1e9  # order of a level that there is not: no interference, no noise
 
 
-def pool_runs(runs: Sequence[Run]) -> tuple[list[Row], list[str]]:
-    """Pooled rows in canonical order, and notes on repeated measurements.
+def pool_runs(runs: Sequence[Run]) -> tuple[list[Row], list[str], list[Row]]:
+    """Pooled rows in canonical order, notes on repeated measurements, and the rows that were pooled.
 
     Raises PoolError if two runs are not comparable; names both, the key and both values.
     """
@@ -52,13 +56,18 @@ def pool_runs(runs: Sequence[Run]) -> tuple[list[Row], list[str]]:
             else:
                 repeated[twin.folder, run.folder] = repeated.get((twin.folder, run.folder), 0) + 1
     rows = [_pooled(key, [row for _, row in group]) for key, group in kept.items()]
+    single = [
+        row | {"run": run.report["created"] if row["source"] == "air" else ""}
+        for group in kept.values()
+        for run, row in group
+    ]
     methods = list(dict.fromkeys(m for run in runs for m in run.report["methods"]))
     rows.sort(key=lambda row: _place(row, methods))
     notes = [
         f"{b} repeats {count} rows of {a} (same scene and seed): counted once"
         for (a, b), count in repeated.items()
     ]
-    return rows, notes
+    return rows, notes, single
 
 
 def _place(row: Row, methods: Sequence[str]) -> tuple[Any, ...]:
@@ -147,34 +156,49 @@ def _same_draw(a: Run, old: Row, b: Run, new: Row) -> bool:
 
 
 def _pooled(key: tuple[Any, ...], rows: Sequence[Row]) -> Row:
-    summed = {c: sum(row[c] for row in rows) for c in COUNTERS}
-    return POOLED_COLUMNS.row(
-        dict(zip(_KEY, key, strict=True)) | {"runs": len(rows)} | pool(rows).row() | summed
-    )
+    values = dict(zip(_KEY, key, strict=True)) | {"runs": len(rows)} | pool(rows).row()
+    values |= {c: sum(row[c] for row in rows) for c in COUNTERS}
+    for column, of in (("ms_per_frame_median", np.median), ("ms_per_frame_p99", np.max)):
+        times = [row[column] for row in rows if row[column] is not None]
+        values[column] = float(of(times)) if times else None
+    return POOLED_COLUMNS.row(values)
 
 
-def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
+def collect(folders: Sequence[str | Path], out: Path, *, method: str = "") -> tuple[Path, list[str]]:
     """Pool result folders into one report in ``out``; returns the path of report.md and notes for the user.
+
+    ``method`` is compared with every other, on the frames that both have; by default that with the highest Pd.
 
     Raises FolderError, PoolError, one line.
     """
     unique = {Path(folder).resolve(): folder for folder in reversed(folders)}
     runs = [read_run(folder) for folder in reversed(unique.values())]
-    rows, notes = pool_runs(runs)
+    rows, notes, single = pool_runs(runs)
+    sources = {row["source"] for row in rows}
+    for row in (*rows, *single):
+        air = row["source"] == "air" and len(sources) > 1
+        row["series"] = f"{row['method']}, on the air" if air else row["method"]
+    if method and method not in series_of(rows):
+        raise PoolError(
+            f"--against {shown(method)}: no such method in the runs; there are {', '.join(series_of(rows))}"
+        )
     head = {"study": "collected", "runs": [run.folder for run in runs], "versions": versions(False)}
     target = RunFolder(out, head, replace=True)
     try:
-        return _write(target, runs, rows, notes), notes
+        return _write(target, runs, rows, notes, single, method), notes
     finally:
         target.close()
 
 
 @own_style()
-def _write(folder: RunFolder, runs: Sequence[Run], rows: list[Row], notes: list[str]) -> Path:
-    sources = {row["source"] for row in rows}
-    for row in rows:
-        air = row["source"] == "air" and len(sources) > 1
-        row["series"] = f"{row['method']}, on the air" if air else row["method"]
+def _write(
+    folder: RunFolder,
+    runs: Sequence[Run],
+    rows: list[Row],
+    notes: list[str],
+    single: Sequence[Row],
+    method: str,
+) -> Path:
     title = " / ".join(dict.fromkeys(run.report["title"] for run in runs))
     report = {
         "schema": SCHEMA,
@@ -182,17 +206,38 @@ def _write(folder: RunFolder, runs: Sequence[Run], rows: list[Row], notes: list[
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "title": title,
         "notes": notes,
-        "runs": [{"folder": run.folder} | {key: run.report[key] for key in _ABOUT} for run in runs],
+        "runs": [
+            {key: run.report[key] for key in _ABOUT}
+            | {"folder": run.folder, "by": run.report["run"].get("by", "not said")}
+            for run in runs
+        ],
         "rows": rows,
     }
-    axes = swept_axes([row for row in rows if row["trials"]])
+    drawn = [row for row in rows if row["trials"]]
+    drawn = [row for row in drawn if row["sir_db"] is not None] or drawn  # the ceiling is in the table
+    axes = swept_axes(drawn)
     for figure in folder.path.glob("pd_vs_*"):  # of an earlier collection, perhaps against another axis
         figure.unlink()
     counted = f"{title} ({len(runs)} run{'s' * (len(runs) > 1)})"
-    for against, name in axes:
-        draw_pd(rows, folder.path / f"pd_vs_{name}.png", title=counted, against=against)
+    for axis, name in axes:
+        draw_pd(drawn, folder.path / f"pd_vs_{name}.png", title=counted, against=axis)
+    figures = [(f"pd_vs_{name}.png", f"Pd against {name}") for _, name in axes] + draw_cost(
+        drawn, folder.path
+    )
     folder.write_text("rows.csv", POOLED_COLUMNS.csv(rows))
-    page = write_page(folder, _markdown(report, axes), {}, more=every_row(rows))
+    jammed = [row for row in with_interference(single) if row["trials"]]
+    tables = {
+        "axis": {"overlap": "overlap", "sir_db": "SIR"}[axes[0][0]],
+        "figures": figures,
+        "placeholder": any(m.get("placeholder") for run in runs for m in run.report["methods"].values()),
+        "verdict": verdict(single, runs[0].report["source"], runs[0].report["scene"]["waveform"]),
+        "against": against(jammed, method or by_pd(common(jammed))[0]),
+        "hazard_table": glance(rows),
+        "pd_tables": pd_tables(rows),
+        "run_table": _run_table(report["runs"]),
+    }
+    text = render(Path(__file__).with_name("collected.md.j2"), **report, **tables)
+    page = write_page(folder, text, {})
     folder.write_report(report)
     return page
 
@@ -200,18 +245,9 @@ def _write(folder: RunFolder, runs: Sequence[Run], rows: list[Row], notes: list[
 _ABOUT = ("name", "source", "seed", "created", "versions", "methods", "trials_per_point")
 
 
-def _markdown(report: dict[str, Any], axes: Sequence[tuple[str, str]]) -> str:
-    lines = [
-        [
-            *(r["folder"], r["source"], r["seed"], r["trials_per_point"], r["created"]),
-            ", ".join(f"{k} {v}" for k, v in r["versions"].items()),
-        ]
-        for r in report["runs"]
-    ]
-    header = ["folder", "source", "seed", "trials per point", "created", "versions"]
-    placeholder = any(m.get("placeholder") for run in report["runs"] for m in run["methods"].values())
-    rows = report["rows"]
-    tables = {"pd_tables": pd_tables(rows), "run_table": table(header, lines), "hazard_table": glance(rows)}
-    return render(
-        Path(__file__).with_name("collected.md.j2"), **report, **tables, placeholder=placeholder, axes=axes
+def _run_table(runs: Sequence[dict[str, Any]]) -> str:
+    names = ("folder", "by", "source", "seed", "trials_per_point", "created")
+    lines = [[*(r[name] for name in names), ", ".join(map(" ".join, r["versions"].items()))] for r in runs]
+    return table(
+        ["folder", "who and where", "source", "seed", "trials per point", "created", "versions"], lines
     )

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from ...core.parsing import LARGEST, shown
+from ...core.text import showable
 from ..results.folder import SCHEMA, read_report
+from ..results.rows import unbits
 from ..results.score import pool
 from .rows import COLUMNS
 
@@ -16,17 +18,17 @@ ALTITUDE_KEYS = ("programme_m", "mode", "vertical_speed_m_per_s")
 # keys of report.json in use, and their types
 _NEEDED = {
     **dict.fromkeys(("source", "name", "title", "created"), str),
-    **dict.fromkeys(("scene", "methods", "versions", "scene.altitude", "scene.method_options"), dict),
+    **dict.fromkeys(("scene", "run", "methods", "versions", "scene.altitude", "scene.method_options"), dict),
     **dict.fromkeys((f"scene.{part}" for part in (*SCENE_PARTS, "channel")), dict),
     **dict.fromkeys(("seed", "scene.altitude.frames"), int),
     "trials_per_point": (int, str),  # a range in reports of 0.2.0 with --precision
-    **dict.fromkeys(("rows", "scene.interference"), list),
+    **dict.fromkeys(("rows", "ceiling", "scene.interference"), list),
     **{f"scene.altitude.{key}": object for key in ALTITUDE_KEYS},
 }
 # columns that may be empty: no interference, no noise, no detection
 _OPEN = frozenset(COLUMNS.names) - COLUMNS.text - COLUMNS.whole - {"overlap"}
-# largest report for pooling (rows, panels, overlaps, characters of a text): its figures are drawn within a minute
-_MOST_ROWS, _MOST_PANELS, _MOST_OVERLAPS, _MOST_TEXT = 100_000, 60, 1_000, 300
+# largest report for pooling (rows, panels, overlaps): its figures are drawn within a minute
+_MOST_ROWS, _MOST_PANELS, _MOST_OVERLAPS = 100_000, 60, 1_000
 
 
 class PoolError(ValueError):
@@ -64,6 +66,8 @@ def read_run(folder: str | Path) -> Run:
     if problem:
         raise PoolError(f"{folder}: report.json does not hold: {problem}; measure it again")
     rows = report["rows"]
+    if rows and not any(isinstance(row, dict) and row.get("overlap") == 0 for row in rows):
+        rows += report["ceiling"]  # measured apart where the sweep has no overlap 0
     for number, row in enumerate(rows, start=1):
         problem = _problem(row)
         if not problem and row["method"] not in report["methods"]:
@@ -97,11 +101,13 @@ def _malformed(report: dict[str, Any]) -> str:
     if len(report["rows"]) > _MOST_ROWS:
         return f"it has {len(report['rows'])} rows, more than {_MOST_ROWS}"
     for key in ("source", "name", "title", "created", "trials_per_point"):
-        if not _showable(str(report[key])):
+        if not showable(str(report[key])):
             return f"{key} is {shown(report[key])}"
+    if not showable(report["run"].get("by", "")):
+        return f"run.by is {shown(report['run']['by'])}"
     for key in ("methods", "versions"):
         for name, value in report[key].items():
-            if not _showable(name) or (key == "versions" and not _showable(value)):
+            if not showable(name) or (key == "versions" and not showable(value)):
                 return f"{key} holds {shown(name)}: {shown(value)}"
     scene = report["scene"]
     inner = [*report["methods"].items(), *((m, given or {}) for m, given in scene["method_options"].items())]
@@ -123,6 +129,9 @@ def _problem(row: Any) -> str:
     correct, detections, trials = counts = [row[c] for c in ("correct", "detections", "trials")]
     if not 0 <= correct <= detections <= trials:
         return f"correct, detections, trials are {counts}"
+    right = row["right"]
+    if right and (len(right) != 2 * -(-trials // 8) or unbits(right, trials).sum() != correct):
+        return f"right does not have a bit per trial and {correct} of {trials} set"
     if trials and (row["pd"] is None or abs(row["pd"] - correct / trials) > 1e-6):
         return f"pd is {row['pd']} with {correct} correct of {trials}"
     try:
@@ -139,14 +148,8 @@ def _fits(name: str, value: Any) -> bool:
     if name == "right":
         return isinstance(value, str) and re.fullmatch("[0-9a-f]*", value) is not None
     if name in COLUMNS.text:
-        return _showable(value)
+        return showable(value)
     if name in COLUMNS.whole:
         return isinstance(value, int) and 0 <= value <= LARGEST
     low, high = (0, 1) if name == "overlap" else (-LARGEST, LARGEST)
     return isinstance(value, (int, float)) and low <= value <= high
-
-
-def _showable(text: Any) -> bool:
-    """Whether a text is short and safe in a page: printable, without markup, links and table delimiters."""
-    short = isinstance(text, str) and len(text) <= _MOST_TEXT
-    return short and text.isprintable() and not set("<>|") & set(text) and "](" not in text

@@ -8,19 +8,17 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ...core.receiver.cramer_rao import altitude_crb_m
+from ...core.altimeter.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
 from ..engine.study import Run
 from ..flowgraph import FlowgraphError
 from ..results.break_point import break_point_of, protection_gain
 from ..results.folder import RunFolder
 from ..results.page import write_page
-from ..results.pareto import draw_pareto
-from ..results.score import pool
 from .altitudes import with_intervals
-from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
-from .markdown import every_row, report_markdown
-from .panels import Row, series_of, swept_axes, with_interference
+from .figures import draw_cost, draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
+from .markdown import report_markdown
+from .panels import Row, swept_axes, with_interference
 
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 
@@ -40,11 +38,10 @@ def write_report(
     folder.write_text("scene.yaml", text)
     altitudes = _altitudes(rows)
     figures = _draw(report, folder.path)
-    figures[1:1] = _draw_cost(report["rows"], folder.path)
+    figures[1:1] = draw_cost(report["rows"], folder.path)
     figures += _draw_altitudes(report["title"], altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
-    text = report_markdown(report, figures, altitudes)
-    page = write_page(folder, text, report["run"], more=every_row(report["rows"]))
+    page = write_page(folder, report_markdown(report, figures), report["run"])
     folder.write_report(report)
     return page
 
@@ -66,27 +63,6 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
             (wrong, f"Rate of wrong altitudes that were called valid against {_NAMES[against]}"),
         ]
     return figures
-
-
-def _draw_cost(rows: Sequence[Row], path: Path) -> list[tuple[str, str]]:
-    """Pd against run time, of several methods; returns (file, caption)."""
-    by_method = series_of(row for row in with_interference(rows) if row["trials"])
-    points = {
-        name: (float(np.median([row["ms_per_frame_median"] for row in mine])), pool(mine).pd)
-        for name, mine in by_method.items()
-    }
-    points = {name: point for name, point in points.items() if point[0] > 0}
-    if len(points) < 2:
-        return []
-    cost = "CPU time of the method per frame / ms, median, in the method's batches"
-    draw_pareto(
-        points,
-        path / "pd_vs_runtime.png",
-        cost=cost,
-        gain="Pd, all overlaps above 0",
-        verb="is right most often",
-    )
-    return [("pd_vs_runtime.png", "Error against run time: Pd over all overlaps above 0, and time per frame")]
 
 
 def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tuple[str, str]]:

@@ -13,10 +13,10 @@ import numpy as np
 
 from ...core.interference.emitters.recording import RecordingEmitter
 from ...core.mitigation import CUSTOM, METHODS, MitigationError, create
-from ...core.mitigation.onnx_network import network_files
 from ...core.mitigation.tcae import default_model_path
-from ...core.receiver.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
+from ...core.timing.leakage_file import UNCALIBRATED, leakage_canceller, leakage_path
+from ..engine.own import option_files, with_option_files
 from ..engine.study import Point, Run, Study
 from ..results.folder import RunFolder
 from ..results.rows import Columns, bits
@@ -35,7 +35,6 @@ __all__ = [
     "describe_rows",
     "method_files",
     "rows_of",
-    "with_method_files",
 ]
 
 DWELL_FRAMES = 400  # least frames at each altitude of a tracked flight: ten outputs
@@ -47,8 +46,8 @@ def check_scene(scene: Scene) -> None:
 
     Raises SceneError, MitigationError, one line.
     """
+    from ...core.altimeter.altimeter import shared_altimeter
     from ...core.channel.simulated import SimulatedChannel
-    from ...core.receiver.altimeter import shared_altimeter
 
     try:
         programme = scene.altitude.programme
@@ -114,29 +113,10 @@ def scene_files(scene: Scene) -> dict[str, Path]:
 
 
 def method_files(scene: Scene) -> dict[str, Path]:
-    """Models and method files of a scene's methods, by method and option; a network's decoder as ``model+``."""
-    out = {}
-    for method in scene.methods:
-        options = scene.method_options.get(method) or {}
-        for key in ("model", "file"):
-            found = network_files(options[key]) if options.get(key) else ()
-            out |= {f"{method} {key}{k * '+'}": path for k, path in enumerate(found)}
-        if method == "tcae" and not options.get("model"):
-            out["tcae model"] = default_model_path(scene.waveform)
-    return out
-
-
-def with_method_files(
-    given: Mapping[str, Mapping[str, Any] | None], files: Mapping[str, Path]
-) -> dict[str, dict[str, Any]]:
-    """Method options with the files of `method_files` at other paths."""
-    out = {name: dict(options or {}) for name, options in given.items()}
-    for name, path in files.items():
-        method, key = name.split(" ", 1)
-        options = out.setdefault(method, {})
-        decoder = key.endswith("+")  # follows its encoder
-        options[key.rstrip("+")] = f"{options['model']}+{path}" if decoder else str(path)
-    return out
+    """Models and method files of a scene's methods, see `option_files`; the default network's with them."""
+    out = option_files({m: scene.method_options.get(m) or {} for m in scene.methods})
+    default = "tcae" in scene.methods and "tcae model" not in out
+    return out | ({"tcae model": default_model_path(scene.waveform)} if default else {})
 
 
 def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, Any]]:
@@ -349,6 +329,6 @@ class OverlapStudy(Study):
         prepared = tuple(
             (name, dataclasses.replace(one, module=files[f"flowgraph {name}"])) for name, one in self.prepared
         )
-        options = with_method_files(scene.method_options, own)
+        options = with_option_files(scene.method_options, own)
         scene = dataclasses.replace(scene, segmenter=segmenter, landing=landing, method_options=options)
         return dataclasses.replace(self, scene=scene, prepared=prepared)

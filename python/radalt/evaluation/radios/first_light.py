@@ -108,8 +108,8 @@ class Flight:
 class Bench:
     """Two radios and what is between them, or their simulation; radios' recordings go to ``folder``/captures.
 
-    ``frames`` at each altitude, ``starts`` whose latencies are compared, ``minutes`` of the last step. Found by steps:
-    ``known``, powers ``noise`` and ``level`` (full scale 1) and ``latency`` in samples.
+    ``frames`` at each altitude, ``starts`` whose latencies are compared, ``minutes`` of the last step. Found by
+    steps: ``known``, powers ``noise`` and ``level`` (full scale 1) and ``latency`` in samples.
     """
 
     scene: Scene

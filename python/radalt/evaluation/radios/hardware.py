@@ -86,21 +86,13 @@ def run_hardware(
     Raises InterlockError, FlowgraphError, CalibrationError, one line. The result's ``segmenter`` also holds
     ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type, serial).
 
-    Parameters
-    ----------
-    scene : Scene
-        At one point of its sweep; ``radio`` names devices, gains, enclosure.
-    transmit : bool
-        The command line's ``--transmit``; the interlock needs it besides the enclosure.
-    calibration, use_calibration, log
-        As in `set_up`.
-    capture : path, optional
-        SigMF recording of the received samples.
-    silent : sequence of str
-        Transmit gates (``radar_gate``, ``jammer_gate``) that stay closed: their transmitters send zeros. Without the
-        radar no timing is found, and the run ends with its last sample.
-    time_limit_s : float
-        Longest time from start to end.
+    - ``scene``: at one point of its sweep; ``radio`` names devices, gains, enclosure
+    - ``transmit``: the command line's ``--transmit``; the interlock needs it besides the enclosure
+    - ``calibration``, ``use_calibration``, ``log``: as in `set_up`
+    - ``capture``: SigMF recording of the received samples
+    - ``silent``: transmit gates (``radar_gate``, ``jammer_gate``) that stay closed: their transmitters send zeros.
+      Without the radar no timing is found, and the run ends with its last sample.
+    - ``time_limit_s``: longest time from start to end
     """
     require_enclosure(scene, transmit)
     from gnuradio import uhd

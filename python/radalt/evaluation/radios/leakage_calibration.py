@@ -4,14 +4,14 @@ import dataclasses
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Altimeter
 from ...core.channel.settings import DropSettings
 from ...core.channel.simulated import SimulatedChannel
 from ...core.programme import Programme
-from ...core.receiver.altimeter import Altimeter
-from ...core.receiver.frame import Frame
-from ...core.receiver.leakage import LeakageCalibration, LeakageCanceller
-from ...core.receiver.segmenter import FrameSegmenter
 from ...core.scene import Scene, SceneError
+from ...core.timing.frame import Frame
+from ...core.timing.leakage import LeakageCalibration, LeakageCanceller
+from ...core.timing.segmenter import FrameSegmenter
 
 _KNOWN_M = 300.0  # altitude for the installation delay, m: beyond the leakage's side lobes
 # frames dropped while the lock settles, and frames at the known altitude: a mean error of a few centimetres
@@ -21,8 +21,8 @@ _SETTLE_FRAMES, _KNOWN_FRAMES = 8, 60
 def calibrate_leakage(scene: Scene, frames: int = 400) -> LeakageCalibration:
     """Measure the leakage without a return over ``frames``, then the installation delay at a known altitude.
 
-    The scene has ``channel.leakage_db``; its noise and seed are used, its interference and lost samples are not. Raises
-    SceneError if it has no leakage, or its sweep is not found.
+    The scene has ``channel.leakage_db``; its noise and seed are used, its interference and lost samples are not.
+    Raises SceneError if it has no leakage, or its sweep is not found.
     """
     if scene.channel.leakage_db is None:
         raise SceneError("calibrate_leakage: the scene plays no leakage; set channel.leakage_db")

@@ -52,17 +52,9 @@ def set_up(
     full scale and calibration, and finally a common start time. Raises InterlockError, FlowgraphError,
     CalibrationError, one line; nothing has been started.
 
-    Parameters
-    ----------
-    top : object
-        Flowgraph with its UHD blocks, ``frame_segmenter`` and ``transmit`` as attributes.
-    uhd : module
-        ``gnuradio.uhd``.
-    calibration : path, optional
-        Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
-        unless ``use_calibration`` is false.
-    log : callable
-        Receives the readback, a line each.
+    ``top``: flowgraph with its UHD blocks, ``frame_segmenter`` and ``transmit`` as attributes; ``uhd``:
+    ``gnuradio.uhd``; ``calibration``: calibration file, default `calibration_path`; a latency stored for this radio,
+    clock and rate is subtracted unless ``use_calibration`` is false; ``log``: receives the readback, a line each.
     """
     require_enclosure(scene, bool(top.transmit))
     _check_blocks(top, scene)
@@ -167,8 +159,8 @@ def _watch_edges(top: Any, log: Callable[[str], None]) -> None:
 def programme_over(top: Any, scene: Scene) -> bool:
     """Whether the programme's last frame has been received and measured; a receiver's stream is endless.
 
-    A stop discards the frames between blocks, so a slow method gets a second of signal to catch up. Afterwards the last
-    frame counts as lost: dropped, or never segmented for lack of timing.
+    A stop discards the frames between blocks, so a slow method gets a second of signal to catch up. Afterwards the
+    last frame counts as lost: dropped, or never segmented for lack of timing.
     """
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
     behind = top.frame_segmenter.segmenter.sample_counter - (programme.total_frames + 3) * n

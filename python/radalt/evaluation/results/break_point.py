@@ -49,8 +49,8 @@ def break_point(
 ) -> BreakPoint:
     """SIR at which a curve of Pd falls below a level.
 
-    From the highest SIR down, Pd is replaced by its running minimum: a method that fails at one SIR and holds again at
-    a lower one is not reliable below the first. Pd is interpolated linearly between points of the grid.
+    From the highest SIR down, Pd is replaced by its running minimum: a method that fails at one SIR and holds again
+    at a lower one is not reliable below the first. Pd is interpolated linearly between points of the grid.
 
     Parameters
     ----------

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...core.mitigation import Mitigation, create
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
-from ...core.receiver.frame_quality import FrameQuality
+from ...core.altimeter.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
+from ...core.altimeter.frame_quality import FrameQuality
 from ...core.waveform import Waveform
 
 _CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the second-level cache

@@ -107,6 +107,15 @@ def replace_file(path: Path, content: bytes) -> None:
         raise
 
 
+def check_writable(option: str, path: Path) -> None:
+    """Raise FolderError, one line, if a folder can be neither written into nor made; leaves nothing."""
+    there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    try:
+        tempfile.TemporaryDirectory(dir=there).cleanup()  # permissions say nothing of /proc and of the user root
+    except OSError as error:
+        raise FolderError(f"{option} {path} cannot be written ({error.strerror}); name another folder") from None
+
+
 def _lock_alone(file: int) -> None:
     """Lock an open file for this process until it is closed; raises OSError if another process has the lock."""
     try:
@@ -190,10 +199,8 @@ class RunFolder:
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
         if dry:
-            there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
-            if not os.access(there, os.W_OK | os.X_OK):
-                raise FolderError(f"--out {path} cannot be written ({there} is not writable); name another folder")
-            if there == path:
+            check_writable("--out", path)
+            if path.exists():
                 self._check_files()
                 self._claim(resume, holds)
             return
@@ -215,7 +222,14 @@ class RunFolder:
         self._claim(resume, holds)
 
     def _check_files(self) -> None:
-        """Refuse links, through which files elsewhere would be overwritten, and pipes, whose opening would block."""
+        """Refuse another's files, links, through which files elsewhere would be overwritten, and pipes, which block."""
+        files = [] if (self.path / _MARKER).exists() else self.path.iterdir()
+        strange = sorted(f.name for f in files if f.name != _LOCK and not f.name.endswith(TEMPORARY))
+        if strange:
+            raise FolderError(
+                f"--out {self.path} holds files that are no run of ours ({strange[0][:60]}"
+                f"{' and others' if len(strange) > 1 else ''}); name a new or an empty folder"
+            )
         for found in self.path.rglob("*"):
             if found.is_symlink():
                 raise FolderError(
@@ -240,12 +254,6 @@ class RunFolder:
             self._check(held)
             self._read(holds)
             return
-        strange = sorted(f.name for f in self.path.iterdir() if f.name != _LOCK and not f.name.endswith(TEMPORARY))
-        if strange:
-            raise FolderError(
-                f"--out {self.path} holds files that are no run of ours ({strange[0][:60]}"
-                f"{' and others' if len(strange) > 1 else ''}); name a new or an empty folder"
-            )
         if not self._dry:
             write_json(marker, self.head)
 

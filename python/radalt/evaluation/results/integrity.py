@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.receiver.tracker_settings import Status
+from ...core.tracker.tracker_settings import Status
 from .proportion import clopper_pearson_bound
 from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
 
@@ -96,15 +96,11 @@ COUNTS = tuple(f.name for f in fields(Integrity))
 def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarray | float) -> Integrity:
     """Counts of the outputs of one run, in the order of time.
 
-    Parameters
-    ----------
-    outputs : (n,) structured array of `tracker.OUTPUT_DTYPE`
-    truth_m : (n,) float
-        True altitude at each output's time; NaN where there is no return at all: whatever is computed there is wrong
-        by every limit, and hazardous where its protection level is within the alert limit. The caller leaves out
-        outputs without a meaning, such as those of synchronisation.
-    alert_limit_m : (n,) or scalar, > 0
-        Largest error without a warning.
+    - ``outputs`` (n,) structured array of `tracker.OUTPUT_DTYPE`
+    - ``truth_m`` (n,) float: True altitude at each output's time; NaN where there is no return at all: whatever is
+      computed there is wrong by every limit, and hazardous where its protection level is within the alert limit. The
+      caller leaves out outputs without a meaning, such as those of synchronisation.
+    - ``alert_limit_m`` (n,) or scalar, > 0: largest error without a warning
     """
     truth = np.asarray(truth_m, dtype=float)
     computed = outputs["status"] == Status.NORMAL
@@ -164,14 +160,9 @@ def stanford(
 ) -> np.ndarray:
     """(k, k) counts of computed outputs by error (rows) and protection level (columns): the Stanford diagram.
 
-    Parameters
-    ----------
-    outputs, truth_m
-        As in `integrity`.
-    edges_m : (k + 1,) float
-        Rising bin edges from 0; values beyond the last edge count in the last bin.
-    unit_m : (n,) or scalar
-        Unit of the edges, such as each output's alert limit.
+    ``outputs``, ``truth_m``: as in `integrity`; ``edges_m`` (k + 1,) float: rising bin edges from 0; values beyond
+    the last edge count in the last bin; ``unit_m`` (n,) or scalar: unit of the edges, such as each output's alert
+    limit.
     """
     edges = np.asarray(edges_m, dtype=float)
     computed = outputs["status"] == Status.NORMAL

@@ -25,15 +25,11 @@ _NUMBER = re.compile(r"(?:[<>]=|[≤≥<>])?\s*([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?
 def to_html(text: str, figure: Callable[[str], str]) -> str:
     """A page as HTML, without ``<html>`` and ``<head>``.
 
-    The script of ``page.html.j2`` sorts tables by a value in each cell: the leading number of its text, else its text,
-    which the first column always has; nothing for a dash. Links to other files become plain text.
+    The script of ``page.html.j2`` sorts tables by a value in each cell: the leading number of its text, else its
+    text, which the first column always has; nothing for a dash. Links to other files become plain text.
 
-    Parameters
-    ----------
-    text : str
-        Markdown: blocks that begin at the start of a line, with code, bold, italics and links.
-    figure : callable
-        From the file of a figure to its ``<svg>`` or ``<img>``.
+    ``text``: Markdown: blocks that begin at the start of a line, with code, bold, italics and links; ``figure``: from
+    the file of a figure to its ``<svg>`` or ``<img>``.
     """
     return "\n".join(_block(kind, lines, figure) for kind, lines in _blocks(text))
 
@@ -74,7 +70,7 @@ def _block(kind: str, lines: list[str], figure: Callable[[str], str]) -> str:
 
 def _table(lines: list[str]) -> str:
     header, _, *rows = ([cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines)
-    names = "".join(f'<th scope="col"><button type="button">{_spans(h)}</button></th>' for h in header)
+    names = "".join(f'<th scope="col"><button type="button" title="sort">{_spans(h)}</button></th>' for h in header)
     body = "\n".join(f"<tr>{_cell(row[0], label=True)}{''.join(map(_cell, row[1:]))}</tr>" for row in rows)
     return f'<div class="wide"><table>\n<thead><tr>{names}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
 

@@ -42,17 +42,8 @@ def write_result(
 ) -> Path:
     """Write ``report.md``, ``report.html`` and ``report.json``; returns the path of ``report.md``.
 
-    Parameters
-    ----------
-    folder : RunFolder
-    template : Path
-        ``.md.j2``.
-    run : mapping
-        A `Run` as a dict.
-    report : mapping
-        Content of ``report.json`` besides the folder's head and the run.
-    values : mapping
-        Further values of the template, such as tables.
+    ``template``: ``.md.j2``; ``run``: a `Run` as a dict; ``report``: content of ``report.json`` besides the folder's
+    head and the run; ``values``: further values of the template, such as tables.
     """
     report = folder.head | {"run": run} | report
     page = write_pages(folder, template, report | values)
@@ -60,20 +51,19 @@ def write_result(
     return page
 
 
-def write_page(folder: RunFolder, text: str, run: Mapping[str, Any], *, more: str = "") -> Path:
+def write_page(folder: RunFolder, text: str, run: Mapping[str, Any]) -> Path:
     """Write ``report.md``, and ``report.html``, which contains its figures; returns the path of ``report.md``.
 
-    ``text`` is Markdown, ``run`` a `Run` as a dict, ``more`` Markdown at the end of ``report.html`` only. Figures lie
-    in the folder; an SVG is preferred.
+    ``text`` is Markdown, ``run`` a `Run` as a dict. Figures lie in the folder; an SVG is preferred.
     """
     page = folder.write_text("report.md", text)
     html = render(
         _FRAME / "report.html.j2",
         title=text.splitlines()[0].lstrip("# "),
-        content=to_html(f"{text}\n{more}", lambda file: _inline(folder.path / file)),
+        content=to_html(text, lambda file: _inline(folder.path / file)),
         settings=_settings(folder.head),
         created=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        run={"command": "", **run},
+        run={"command": "", "by": "", **run},
         **{name: folder.head[name] for name in ("versions", "schema")},
     )
     folder.write_text("report.html", html)

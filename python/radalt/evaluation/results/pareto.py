@@ -29,14 +29,19 @@ def draw_pareto(
     """
     figure = new_figure(7.0, 4.2)
     axis = figure.subplots()
+    free = {name: gain for name, (cost, gain) in points.items() if not cost}
+    points = {name: point for name, point in points.items() if point[0]}
     front = pareto(points)
+    for name, gain_of in free.items():  # no place on a logarithmic axis
+        axis.axhline(gain_of, color="0.4", ls=":", gid=f"series {name}")
+        axis.text(0.01, gain_of, f"{name}: no cost", transform=axis.get_yaxis_transform(), va="bottom", fontsize=9)
     if points:
         steps = zip(*(points[name] for name in front), strict=True)
         axis.plot(*steps, color="0.7", drawstyle="steps-post", zorder=1)
         axis.set_title(f"{front[-1]} {verb}; on the line no other is cheaper and better", fontsize=11)
     for name, point in points.items():
         style = series_style(name, tuple(points))
-        axis.plot(*point, style["marker"], color=style["color"], ms=7)
+        axis.plot(*point, style["marker"], color=style["color"], ms=7, gid=f"series {name}")
     axis.set_xscale("log")
     costs = [x for x, _ in points.values()] or [1.0]
     decades = 10.0 ** np.arange(np.floor(np.log10(min(costs))), 1 + np.ceil(np.log10(max(costs))))
@@ -63,9 +68,9 @@ def _name_points(figure: Any, axis: Any, points: Mapping[str, tuple[float, float
     ]
     for name in sorted(points, key=lambda name: points[name]):
         for x, y, side in places:
-            text = axis.annotate(
-                name, points[name], xytext=(x, y), textcoords="offset points", fontsize=9, ha=side
-            )
+            colour = series_style(name, tuple(points))["color"]
+            style = {"textcoords": "offset points", "fontsize": 9, "ha": side, "color": colour}
+            text = axis.annotate(name, points[name], xytext=(x, y), **style)
             box = text.get_window_extent()
             if not (any(box.overlaps(other) for other in taken) or box.count_contains(dots)):
                 break

@@ -9,8 +9,8 @@ _CONFIDENCE = 0.95
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Score interval of a binomial proportion; (0, 1) without trials.
 
-    E. B. Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc.
-    22, 1927. Unlike the normal interval it stays within 0..1 and keeps its width at 0 and at 1.
+    E. B. Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc. 22,
+    1927. Unlike the normal interval it stays within 0..1 and keeps its width at 0 and at 1.
 
     Examples
     --------

@@ -15,11 +15,7 @@ if TYPE_CHECKING:
 class Table(Sequence[Mapping[str, Any]]):
     """Rows with equal columns; missing values (no noise, no detection) are None.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-    shown : sequence of str, optional
-        Printed columns; default all.
+    ``shown``: printed columns; default all.
 
     Examples
     --------

@@ -15,7 +15,7 @@ SPAN_M = 1500.0  # the altimeter's highest altitude
 SCENES = ("paper_qpsk", "qpsk_shaped", "nr5", "nr10", "tones", "mixture", "faa_mask", "fmcw")
 _DRAWN, _NOISE = 60, 4  # cases with random settings, cases of noise alone
 LONG = ("land", "point")  # kinds that fly without mitigation, and `LONGER` times as long as the others
-LONGER = 30
+LONGER = 120
 _PHASES = 4  # flights of two grounds whose phases are drawn
 _PEAK_M = 20.0  # distance below which two returns are one peak: a resolution cell of 7.5 MHz
 
@@ -58,6 +58,7 @@ KINDS = {
     "clipped": "converter clips",
     "altimeter": "another altimeter slides through, ground in sight",
     "altimeter_alone": "another altimeter slides through, no ground",
+    "sawtooth": "altimeter with a saw-tooth of our slope, ground in sight",
     "spoofed": "second return switched on in mid-track",
     "spoofed_first": "second return there before the ground",
     "pull_off": "copy switched on over the ground walks off",
@@ -69,24 +70,30 @@ KINDS = {
     "gear": "landing gear next to leakage of 30 dB",
     "nonlinear": "sweep not linear, by a share of its bandwidth",
     "clock": "sample clocks of transmitter and receiver differ",
+    "rotor": "rotor blades take a share of the return",
     "gnuradio": "GNU Radio's own transmitters",
     "fading": "NR and QPSK through continuous fading",
     "repeating": "interference that repeats itself exactly",
 }
 
 
-STRATA = {  # strata of the rates per flight hour, and the kinds in them
-    "land, level": ("land",),
-    "land, banked": ("land",),
-    "a point": ("point",),
+STRATA = {  # strata of the rates per flight hour: their share of the time in the air, an assumption, and their kinds
+    "land, level": (0.80, ("land",)),
+    "land, banked": (0.12, ("land",)),
+    "a point": (0.01, ("point",)),
     "second returns, steps": (
-        *("step", "altimeter", "altimeter_alone", "spoofed", "spoofed_first", "pull_off"),
-        *("two_grounds", "bounce", "beyond"),
+        0.02,
+        ("step", "altimeter", "altimeter_alone", "sawtooth", "spoofed", "spoofed_first", "pull_off")
+        + ("two_grounds", "bounce", "beyond"),
     ),
-    "faults": ("missing", "slip", "nan", "clipped", "frozen", "leakage", "gear", "nonlinear", "clock"),
+    "faults": (
+        0.001,
+        ("missing", "slip", "nan", "clipped", "frozen", "leakage", "gear", "nonlinear", "clock", "rotor"),
+    ),
     "emitters": (
-        *("noise", "interference", "jammed", "drawn", "switched_on", "landing", "land_jammed"),
-        *("gnuradio", "fading", "repeating"),
+        0.049,
+        ("noise", "interference", "jammed", "drawn", "switched_on", "landing", "land_jammed")
+        + ("gnuradio", "fading", "repeating"),
     ),
 }
 
@@ -95,32 +102,22 @@ STRATA = {  # strata of the rates per flight hour, and the kinds in them
 class Case:
     """Conditions of a flight.
 
-    Attributes
-    ----------
-    kind, name : str
-        ``kind`` is one of `KINDS`; ``name`` is unique and seeds the flights.
-    scene : str
-        Shipped scene whose interferers transmit (for the kind ``gnuradio`` the transmitter); empty for none.
-    overlap, sir_db, snr_db : float
-        Levels are against a return of unit power, whether there is one or not.
-    ground : bool
-        Whether there is a return of the ground.
-    value : float
-        Size of the fault: metres, dB, share of frames, parts per million, rail over RMS.
-    known : str
-        The limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the claim;
-        empty inside it.
+    - ``kind``, ``name``: ``kind`` is one of `KINDS`; ``name`` is unique and seeds the flights
+    - ``overlap``, ``sir_db``, ``snr_db``: levels are against a return of unit power, whether there is one or not
     """
 
     kind: str
     name: str
     scene: str = ""
+    """Shipped scene whose interferers transmit (for the kind ``gnuradio`` the transmitter); empty for none."""
     overlap: float = 1.0
     sir_db: float | None = None
     snr_db: float = 10.0
-    ground: bool = True
-    value: float = 0.0
+    ground: bool = True  # whether there is a return of the ground
+    value: float = 0.0  # size of the fault: metres, dB, share of frames, parts per million, rail over RMS
     known: str = ""
+    """The limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the claim;
+    empty inside it."""
 
     @property
     def known_limit(self) -> int:
@@ -132,7 +129,7 @@ def stratum_of(case: Case) -> str:
     """The stratum of a case."""
     if case.kind == "land":
         return "land, banked" if "bank" in case.name else "land, level"
-    return next(name for name, kinds in STRATA.items() if case.kind in kinds)
+    return next(name for name, (_, kinds) in STRATA.items() if case.kind in kinds)
 
 
 def cases(kinds: tuple[str, ...] = tuple(KINDS)) -> list[Case]:
@@ -230,6 +227,8 @@ def _deceptions() -> Iterator[Case]:
             yield Case("altimeter", f"altimeter/{what}", sir_db=sir, value=ppm, known=hidden)
             alone, known = f"altimeter_alone/{what}", limit if slow else ""
             yield Case("altimeter_alone", alone, sir_db=sir, value=ppm, ground=False, known=known)
+            hidden = "saw-tooth of our slope" if sir < -6.0 else ""
+            yield Case("sawtooth", f"sawtooth/{what}", sir_db=sir, value=ppm, known=hidden)
     for side, way in ((1.0, "beyond"), (-1.0, "nearer")):
         for level in (-8.0, -3.0, 3.0, 10.0, 20.0):
             for kind, hides_db in (("spoofed", 20.0), ("spoofed_first", 10.0 if side > 0 else 6.0)):
@@ -279,6 +278,8 @@ def _installation() -> Iterator[Case]:
         yield Case("gear", f"gear/lowered/{level:+g}dB", sir_db=-level, value=level, known=known)
     for share in (0.001, 0.003, 0.01):
         yield Case("nonlinear", f"nonlinear/{100 * share:g}%", value=share)
+    for share in (0.3, 1.0):
+        yield Case("rotor", f"rotor/{share:g}", value=share)
     for ppm in (-20.0, 0.05, 0.1, 20.0):
         known = "0.05 to 0.1 ppm apart" if abs(ppm) < 1.0 else ""
         yield Case("clock", f"clock/{ppm:+g}ppm", value=ppm, known=known)

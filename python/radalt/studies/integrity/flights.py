@@ -31,21 +31,15 @@ _FAULTY += ("pull_off", "frozen", "gear")
 class Flight:
     """A flight by frame.
 
-    Attributes
-    ----------
-    middle_m, end_m, speed_m_per_s : (frames,) float arrays
-        Altitude at the middle and at the end of each frame, NaN without a return, and vertical speed.
-    fault_frame : int or None
-        First frame of the fault, if there is one.
-    land : Land or None
-        Source of the echoes of land.
+    ``middle_m``, ``end_m``, ``speed_m_per_s`` (frames,) float: altitude at the middle and at the end of each frame,
+    NaN without a return, and vertical speed.
     """
 
     middle_m: np.ndarray
     end_m: np.ndarray
     speed_m_per_s: np.ndarray
-    fault_frame: int | None = None
-    land: Land | None = None
+    fault_frame: int | None = None  # first frame of the fault, if there is one
+    land: Land | None = None  # source of the echoes of land
 
 
 def rng_of(case: Case, seed: int, batch: int, purpose: int) -> np.random.Generator:
@@ -65,7 +59,7 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
         return Flight(nothing, nothing, np.zeros(frames))
     if case.kind == "land_jammed":
         land = flight_of(case, frames, rng)
-        middle = np.concatenate([land.scatterers(block)[-1] for block in range(frames // BLOCK)])
+        middle = np.concatenate([land.scatterers(block).nearest_m for block in range(frames // BLOCK)])
         step = np.gradient(middle)
         return Flight(middle, middle + 0.5 * step, step / sweep_s, land=land)
     start = float(np.exp(rng.uniform(np.log(_LOWEST_M), np.log(_HIGHEST_M))))

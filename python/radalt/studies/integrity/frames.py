@@ -7,12 +7,15 @@ import numpy as np
 
 from ...core.interference import interference_frames
 from ...core.returns.point import point_return
-from ...core.waveform import altitude_to_delay_s, exp_cycles
+from ...core.waveform import Waveform, altitude_to_delay_s, exp_cycles
 from .cases import BLOCK, DRIFT, SPAN_M, WAVEFORM, Case
 from .emitters import interferers_of
 from .flights import FASTEST_M_PER_S, Flight
 from .long_flights import frames_of as land_frames
 
+_SAWTOOTH = Waveform(shape="sawtooth_up")  # of the slope of our rising half sweeps
+# Blades that pass per second (four, 300 revolutions per minute), and share of the time in which one covers the beam.
+_BLADES_HZ, _BLADE = 20.0, 0.1
 Source = Callable[[np.ndarray], np.ndarray]  # frames by their index
 
 
@@ -76,9 +79,11 @@ def _sources(case: Case, flight: Flight, rng: np.random.Generator) -> list[tuple
     elif case.kind == "nonlinear":
         sources.append((_bent(case.value, _point(*ground, phase[0]), flight.middle_m, rng), 0))
     elif case.ground:
-        sources.append((_point(*ground, phase[0]), 0))
+        point = _point(*ground, phase[0])
+        sources.append((_chopped(case.value, point, phase[1]) if case.kind == "rotor" else point, 0))
     for where, speed, level_db, begin in _others(case, flight, rng):
-        sources.append((_point(where, speed, phase[1], level_db), begin))
+        sent = _SAWTOOTH if case.kind == "sawtooth" else WAVEFORM
+        sources.append((_point(where, speed, phase[1], level_db, sent), begin))
     if case.scene or case.kind == "drawn":
         interferers, total_sir_db = interferers_of(case, rng)
         shape = w.samples_per_frame, w.rate_hz, rng
@@ -91,11 +96,25 @@ def _sources(case: Case, flight: Flight, rng: np.random.Generator) -> list[tuple
     return sources
 
 
-def _point(altitude_m: np.ndarray, speed: np.ndarray, phase: float, level_db: float = 0.0) -> Source:
+def _point(
+    altitude_m: np.ndarray, speed: np.ndarray, phase: float, level_db: float = 0.0, sent: Waveform = WAVEFORM
+) -> Source:
     strength = np.float32(10.0 ** (level_db / 20.0))
     return lambda k: (
-        point_return(WAVEFORM, altitude_m[k], vertical_speed_m_per_s=speed[k], phase_cycles=phase) * strength
+        point_return(sent, altitude_m[k], vertical_speed_m_per_s=speed[k], phase_cycles=phase) * strength
     )
+
+
+def _chopped(share: float, source: Source, start: float) -> Source:
+    """A return of which rotor blades take a share of the amplitude as they pass."""
+
+    def frames(index: np.ndarray) -> np.ndarray:
+        passed = _BLADES_HZ * (index[:, None] * WAVEFORM.sweep_s + WAVEFORM.sample_times_s) + start
+        return source(index) * np.where(
+            np.mod(passed, 1.0) < _BLADE, np.float32(1.0 - share), np.float32(1.0)
+        )
+
+    return frames
 
 
 def _others(
@@ -107,7 +126,7 @@ def _others(
     if case.kind == "drawn" and rng.random() < 0.5:
         apart = rng.uniform(5.0, 120.0)
         yield ground + apart, speed, rng.uniform(-25.0, -6.0), 0
-    elif case.kind.startswith("altimeter"):
+    elif case.kind.startswith("altimeter") or case.kind == "sawtooth":
         drift = DRIFT * case.value * float(rng.choice((-1.0, 1.0)))
         where = rng.uniform(0.0, SPAN_M) + drift * (time_s - 0.4 * ground.size * WAVEFORM.sweep_s)
         yield where, np.full(ground.size, drift), -case.sir_db, 0

@@ -1,11 +1,10 @@
 """Flights of minutes without interference, over land or a point: attitude, climb and terrain wander; no mitigation."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ...core.receiver.altimeter import Spectra
 from ...core.returns.terrain import (
     AircraftState,
     GaussianAntenna,
@@ -15,7 +14,6 @@ from ...core.returns.terrain import (
     synthesise,
 )
 from ...core.returns.terrain.geodesy import SEMI_MAJOR_M
-from .beats import Beats
 from .cases import ATTITUDES, BLOCK, LANDS, WAVEFORM, Case
 
 LOWEST_M, HIGHEST_M = 30.0, 1300.0  # altitudes at which flights start, uniform in the logarithm
@@ -27,8 +25,29 @@ _CLIMB_M_PER_S, _CLIMB_S, _LEAVES, _TOP_M = 2.0, 10.0, 0.4, 1450.0
 # Lengths of the terrain's waves in either direction, and the greatest slope of each; lower down it is flatter.
 _WAVES_M, _SLOPE, _FLATTER_M = (400.0, 900.0, 2000.0), 0.03, 150.0
 _BEAM_DB = 30.0  # the nearest ground in the beam: within that of its peak, both ways (docs/tracker.md)
-_LOW_M, _COARSE, _FINE = 200.0, 8, 16  # cells per radius of the footprint, below that altitude and above
+# Least scatterers in the first resolution cell of flat ground, 2 pi h dR, and cells per radius of the footprint.
+_SCATTERERS, _LEAST_CELLS = 16.0, 8
 _LATITUDE, _LONGITUDE = 42.0, -88.0
+# Share of the strongest scatterer's power below which one is left out: together they have a thousandth.
+_WEAKEST = 1e-5
+_HELD = 2  # blocks with the same scatterers and attitude
+TIMES_S = (
+    np.arange(BLOCK) + 0.5 - 0.5 * BLOCK
+) * WAVEFORM.sweep_s  # frames' middles, from that of their block
+
+
+@dataclass(frozen=True)
+class Scatterers:
+    """Scatterers of a block, (n,) each: ranges at its middle, their rates, and accelerations.
+
+    ``nearest_m`` (40,) is the range of the nearest one in the beam; ``amplitude`` complex64, of unit power together.
+    """
+
+    amplitude: np.ndarray
+    range_m: np.ndarray
+    rate_m_per_s: np.ndarray
+    bend_m_per_s2: np.ndarray
+    nearest_m: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -79,14 +98,17 @@ class Point:
         self._apart, phases = np.zeros(1), rng.random(2)
         if case.value:
             self._apart, levels = np.array([0.0, case.value]), [0.0, -case.sir_db]
-        self._amplitude = 10.0 ** (np.array(levels) / 20.0) * np.exp(2j * np.pi * phases[: len(levels)])
+        amplitude = 10.0 ** (np.array(levels) / 20.0) * np.exp(2j * np.pi * phases[: len(levels)])
+        self._amplitude = amplitude.astype(np.complex64)
 
-    def scatterers(self, block: int) -> tuple[np.ndarray, ...]:
+    def scatterers(self, block: int) -> Scatterers:
         """As `Land.scatterers`."""
-        climb = (self._up[block + 1] - self._up[block]) / BLOCK
-        ranges = (self._up[block] + climb * (np.arange(BLOCK) + 0.5))[:, None] + self._apart
-        speeds = np.full(ranges.shape, climb / WAVEFORM.sweep_s)
-        return self._amplitude, ranges, speeds, ranges[:, 0]
+        rate = (self._up[block + 1] - self._up[block]) / (BLOCK * WAVEFORM.sweep_s)
+        middle = 0.5 * (self._up[block + 1] + self._up[block])
+        rates = np.full(self._apart.size, rate)
+        return Scatterers(
+            self._amplitude, middle + self._apart, rates, np.zeros(rates.size), middle + rate * TIMES_S
+        )
 
 
 class Land:
@@ -99,44 +121,57 @@ class Land:
         self._up = _altitudes(rng, blocks)
         height = float(self._up[0])
         phases = rng.uniform(0.0, 2.0 * np.pi, (2, len(_WAVES_M)))
+        antenna = GaussianAntenna(beamwidth_deg=beam)
+        radius_m = height * np.tan(min(antenna.footprint_rad(_BEAM_DB), np.radians(60.0)))
+        cell_m = np.sqrt(2.0 * np.pi * height * WAVEFORM.range_resolution_m / _SCATTERERS)
+        cells = max(_LEAST_CELLS, int(np.ceil(radius_m / cell_m)))
         self._radar = TerrainReturn(
             Waves(phases, _SLOPE * min(1.0, height / _FLATTER_M)),
             WAVEFORM,
-            antenna=GaussianAntenna(beamwidth_deg=beam),
+            antenna=antenna,
             ground=reflectivity(*LANDS[land]),
-            grid=GroundGrid(int(rng.integers(1 << 31)), _COARSE if height < _LOW_M else _FINE),
+            grid=GroundGrid(int(rng.integers(1 << 31)), cells),
         )
         self._speed = float(rng.uniform(*_SPEED_M_PER_S))
         self._roll = np.clip(bank + _wander(rng, blocks, _WANDER_DEG, _WANDER_S), -_MOST_DEG, _MOST_DEG)
         self._pitch = pitch + _wander(rng, blocks, _WANDER_DEG, _WANDER_S)
+        self._held = (-1,)
 
-    def scatterers(self, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(n,) amplitudes of unit power together, (40, n) ranges and their rates, and (40,) range of the nearest."""
-        sweep_s = WAVEFORM.sweep_s
-        block_s = BLOCK * sweep_s
-        climb = (self._up[block + 1] - self._up[block]) / block_s
+    def scatterers(self, block: int) -> Scatterers:
+        """Those of a block."""
+        first, block_s = block - block % _HELD, BLOCK * WAVEFORM.sweep_s
+        if self._held[0] != first:
+            self._held = first, *self._at(first, min(_HELD, self._roll.size - first) * block_s)
+        _, middle_s, amplitude, at, speed, bend, inside = self._held
+        late = (block + 0.5) * block_s - middle_s
+        at, speed = at + late * (speed + 0.5 * bend * late), speed + late * bend
+        ranges = (x[inside, None] for x in (at, speed, bend))
+        nearest = sum(x * TIMES_S**k / max(1, k) for k, x in enumerate(ranges)).min(axis=0)
+        return Scatterers(amplitude, at, speed, bend, nearest)
+
+    def _at(self, block: int, lasts_s: float) -> tuple[Any, ...]:
+        """Middle of a time that begins with a block; amplitudes, ranges, rates, accelerations; mask of the beam."""
+        block_s = BLOCK * WAVEFORM.sweep_s
+        begin, end = self._up[block], self._up[block + round(lasts_s / block_s)]
+        climb, time_s = float(end - begin) / lasts_s, block * block_s + 0.5 * lasts_s
         metres_per_deg = np.radians(1.0) * SEMI_MAJOR_M * np.cos(np.radians(_LATITUDE))
         state = AircraftState(
-            (block + 0.5) * block_s,
+            time_s,
             _LATITUDE,
-            _LONGITUDE + self._speed * (block + 0.5) * block_s / metres_per_deg,
-            0.5 * float(self._up[block] + self._up[block + 1]),
-            (self._speed, 0.0, float(climb)),
+            _LONGITUDE + self._speed * time_s / metres_per_deg,
+            0.5 * float(begin + end),
+            (self._speed, 0.0, climb),
             90.0,
             float(self._pitch[block]),
             float(self._roll[block]),
         )
         facets, power = self._radar.facets(state)
-        seen = power > 1e-7 * power.max()  # as TerrainReturn
-        amplitude = (np.sqrt(power / power.sum()) * facets.reflectivity)[seen]
+        seen = power > _WEAKEST * power.max()
+        amplitude = (np.sqrt(power / power.sum()) * facets.reflectivity)[seen].astype(np.complex64)
         at, speed = facets.range_m[seen], facets.range_rate_m_per_s[seen]
-        bend = (self._speed**2 + climb**2 - speed**2) / at
-        time_s = ((np.arange(BLOCK) + 0.5) * sweep_s - 0.5 * block_s)[:, None]
-        ranges = at + speed * time_s + 0.5 * bend * time_s**2
-        belly = state.body_axes()[2]
-        off = np.arccos(np.clip(facets.direction[seen] @ belly, -1.0, 1.0))
+        off = np.arccos(np.clip(facets.direction[seen] @ state.body_axes()[2], -1.0, 1.0))
         inside = off <= self._radar.antenna.footprint_rad(_BEAM_DB)
-        return amplitude, ranges, speed + bend * time_s, ranges[:, inside].min(axis=1)
+        return time_s, amplitude, at, speed, (self._speed**2 + climb**2 - speed**2) / at, inside
 
 
 def flight_of(case: Case, frames: int, rng: np.random.Generator) -> Land | Point:
@@ -144,19 +179,15 @@ def flight_of(case: Case, frames: int, rng: np.random.Generator) -> Land | Point
     return Land(case.name, frames, rng) if case.kind.startswith("land") else Point(case, frames, rng)
 
 
-def frames_of(scatterers: tuple[np.ndarray, ...]) -> np.ndarray:
+def frames_of(s: Scatterers) -> np.ndarray:
     """(40, N) complex64 frames of a block's scatterers, at the full rate."""
-    amplitude, ranges, rates, _ = scatterers
-    frames = [synthesise(WAVEFORM, amplitude, at, rate) for at, rate in zip(ranges, rates, strict=True)]
+    frames = [
+        synthesise(
+            WAVEFORM,
+            s.amplitude,
+            s.range_m + t * (s.rate_m_per_s + 0.5 * t * s.bend_m_per_s2),
+            s.rate_m_per_s + t * s.bend_m_per_s2,
+        )
+        for t in TIMES_S
+    ]
     return np.array(frames, dtype=np.complex64)
-
-
-def spectra_of(
-    case: Case, flight: Land | Point, frames: int, beats: Beats, rng: np.random.Generator
-) -> Iterator[tuple[np.ndarray, Spectra, np.ndarray]]:
-    """(frame index, spectra, true altitude at the frames' middles) by block, made at the decimated rate."""
-    level = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0))
-    for block in range(frames // BLOCK):
-        amplitude, ranges, rates, nearest = flight.scatterers(block)
-        low = beats.returns(amplitude, ranges, rates) + level * beats.noise(BLOCK, rng)
-        yield block * BLOCK + np.arange(BLOCK), beats.altimeter.of_beats(low), nearest

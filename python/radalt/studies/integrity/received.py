@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.receiver.leakage import LeakageCalibration, LeakageCanceller
-from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.point import point_return
+from ...core.timing.leakage import LeakageCalibration, LeakageCanceller
+from ...core.timing.segmenter import FrameSegmenter
 from .cases import BLOCK, DRIFT, WAVEFORM, Case
 from .flights import Flight, rng_of
 from .frames import frames_of, white_noise

@@ -139,39 +139,58 @@ def _hours_of(rows: Sequence[Row]) -> dict[str, Any]:
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
     hours = total.outputs * BLOCK * WAVEFORM.sweep_s / 3600.0
     events = {name: sum(r[f"{name}_events"] for r in rows) for name in ("misleading", "hazardous")}
+    most = float(stats.chi2.ppf(0.95, 2 * events["hazardous"] + 2)) / 2.0
     return {
         "flights": len(rows),
         "hours": hours,
         "available": _after_start(total, len(rows)),
         **events,
         "hazardous_flights": sum(r["hazardous_events"] > 0 for r in rows),
-        "bound": float(stats.chi2.ppf(0.95, 2 * events["hazardous"] + 2)) / 2.0 / hours if hours else np.inf,
+        "most": most,
+        "bound": most / hours if hours else np.inf,
         "largest_m": max((r["largest_m"] or 0.0 for r in rows), default=0.0),
         "minutes": float(np.mean([r["ms_per_frame"] for r in rows])) * 60.0 if rows else np.nan,
     }
 
 
+def _weighted(strata: Mapping[str, Sequence[Row]]) -> dict[str, Any]:
+    """`_hours_of` all strata, availability and bound weighted by their shares of the time in the air.
+
+    The sum of shares times rates is at most the greatest share per hour flown times the bound of all events.
+    """
+    shares = np.array([STRATA[name][0] for name in strata])
+    shares /= shares.sum()
+    each = [_hours_of(rows) for rows in strata.values()]
+    total = _hours_of([row for rows in strata.values() for row in rows])
+    per_hour = max(share / one["hours"] for share, one in zip(shares, each, strict=True))
+    available = float(shares @ [one["available"] for one in each])
+    return total | {"available": available, "bound": total["most"] * per_hour}
+
+
 def _hours_table(rows: Sequence[Row]) -> str:
-    """A line per stratum and method inside the claim; then per altitude, of the long flights."""
-    groups: dict[tuple[str, str], list[Row]] = {}
-    for row in sorted(rows, key=lambda r: list(STRATA).index(stratum_of(case_of(r["case"])))):
-        case = case_of(row["case"])
-        if not case.known_limit:
-            groups.setdefault((stratum_of(case), row["method"]), []).append(row)
-    for low, high in zip(_BANDS_M, _BANDS_M[1:], strict=False):
-        mine = [r for r in rows if r["kind"] in LONG and low <= r["altitude_m"] < high]
-        if mine:
-            groups[f"land and points, {low:g} to {high:g} m", "none"] = mine
+    """A line per stratum and method inside the claim, and for all; then per altitude, of the long flights."""
+    inside = [r for r in rows if not case_of(r["case"]).known_limit]
     lines = []
-    for (name, method), mine in groups.items():
-        h = _hours_of(mine)
+
+    def line(name: str, method: str, share: str, h: Mapping[str, Any]) -> None:
         counts = h["misleading"], h["hazardous"], h["hazardous_flights"]
         shown = number(h["bound"], 1), number(h["largest_m"], 1), number(h["minutes"], 0)
-        lines.append(
-            [name, method, h["flights"], number(h["hours"], 2), number(h["available"], 3), *counts, *shown]
-        )
-    header = ["stratum", "method", "flights", "hours", "available", "misleading", "hazardous", "of flights"]
-    return table([*header, "bound per hour", "largest error / m", "CPU min per hour"], lines)
+        flown = h["flights"], number(h["hours"], 2), number(h["available"], 3)
+        lines.append([name, method, share, *flown, *counts, *shown])
+
+    for method in dict.fromkeys(r["method"] for r in inside):
+        mine = [r for r in inside if r["method"] == method]
+        strata = {name: [r for r in mine if stratum_of(case_of(r["case"])) == name] for name in STRATA}
+        strata = {name: found for name, found in strata.items() if found}
+        for name, found in strata.items():
+            line(name, method, f"{STRATA[name][0]:g}", _hours_of(found))
+        line("**all, as flown**", method, "", _hours_of(mine))
+        line("**all, weighted**", method, "", _weighted(strata))
+    for low, high in zip(_BANDS_M, _BANDS_M[1:], strict=False):
+        if mine := [r for r in rows if r["kind"] in LONG and low <= r["altitude_m"] < high]:
+            line(f"land and points, {low:g} to {high:g} m", "none", "", _hours_of(mine))
+    header = ["stratum", "method", "share", "flights", "hours", "available", "misleading", "hazardous"]
+    return table([*header, "of flights", "bound per hour", "largest error / m", "CPU min per hour"], lines)
 
 
 def _attitude_table(land: Sequence[Row]) -> str:

@@ -1,16 +1,18 @@
 """Study: altitudes of all methods, tracked and per frame, over the campaign's cases; all share a flight's frames."""
 
 import dataclasses
+import itertools
 import time
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
-from ...core.receiver.frame_quality import FrameQuality
-from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
+from ...core.altimeter.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
+from ...core.altimeter.frame_quality import FrameQuality
+from ...core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain, method_of
@@ -25,16 +27,15 @@ from ...evaluation.results.integrity import (
 )
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
-from .beats import Beats
+from .beats import beats_of
 from .cases import BLOCK, KINDS, LONG, LONGER, WAVEFORM, Case, case_of, cases
 from .columns import EDGES, FRAMES, ROWS
 from .flights import Flight, fly, rng_of
-from .long_flights import flight_of, spectra_of
+from .long_flights import flight_of
 from .received import received
 
 # a track may start at any altitude: flights without a leakage calibration have no leakage
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
-_ALONE_STEP = 8  # one frame of so many of a long flight is measured alone: altitudes of neighbours are alike
 
 
 @dataclass(frozen=True)
@@ -84,22 +85,31 @@ def judge_long(
 ) -> tuple[Flight, Judged]:
     """A flight of the kinds `LONG` and its altitudes without mitigation, at the decimated rate; all of its CPU time.
 
-    One frame in eight is measured alone.
+    One frame of each block is measured alone.
     """
     begin, altimeter = time.thread_time(), shared_altimeter(WAVEFORM, settings)
-    tracker, path = AltitudeTracker(altimeter, TRACKER), flight_of(case, frames, rng)
-    outputs, results, middle = [], [], []
-    for index, spectra, nearest in spectra_of(case, path, frames, Beats(altimeter), rng):
-        outputs.append(tracker.process(spectra, frame_index=index))
-        some = slice(None, None, _ALONE_STEP)
-        alone = Spectra(spectra.power[some], spectra.support[some], spectra.beat_hz, spectra.scale[some])
-        results.append(altimeter.detect(alone, frame_index=index[some]))
-        middle.append(nearest)
+    tracker, path, beats = (
+        AltitudeTracker(altimeter, TRACKER),
+        flight_of(case, frames, rng),
+        beats_of(altimeter),
+    )
+    level = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0))
+    outputs, alone, middle = [], [], []
+    for block in range(frames // BLOCK):
+        scatterers = path.scatterers(block)
+        spectra = altimeter.of_beats(beats.returns(scatterers) + level * beats.noise(BLOCK, rng))
+        outputs.append(tracker.process(spectra, frame_index=block * BLOCK + np.arange(BLOCK)))
+        alone.append((spectra.power[BLOCK // 2], spectra.support[BLOCK // 2], spectra.scale[BLOCK // 2]))
+        middle.append(scatterers.nearest_m)
+    power, support, scale = map(np.array, zip(*alone, strict=True))
+    index = BLOCK * np.arange(len(alone)) + BLOCK // 2
+    results = altimeter.detect(Spectra(power, support, altimeter.beat_hz, scale), frame_index=index)
     true = np.concatenate(middle)
     step = np.gradient(true)
     ms = 1e3 * (time.thread_time() - begin) / frames
-    judged = Judged(_complete(outputs, frames), np.concatenate(results), ms)
-    return Flight(true, true + 0.5 * step, step / WAVEFORM.sweep_s), judged
+    return Flight(true, true + 0.5 * step, step / WAVEFORM.sweep_s), Judged(
+        _complete(outputs, frames), results, ms
+    )
 
 
 def _complete(parts: list[np.ndarray], frames: int) -> np.ndarray:
@@ -124,29 +134,16 @@ class IntegrityPoint(Point):
 
 @dataclass(frozen=True)
 class IntegrityStudy(ChainStudy):
-    """The campaign.
-
-    Attributes
-    ----------
-    methods : tuple of str
-        The headline's method is `tcae`, or the last if `tcae` is not among them.
-    kinds : tuple of str
-        Names in `cases.KINDS`.
-    frames : int
-        Frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many.
-    allowed_m_per_s : float
-        Vertical speed that altimeter and tracker allow; up to 10 m/s are flown.
-    parts : int
-        Flights through each case. No row depends on it, so that a run can be resumed with more.
-    seed : int
-    """
+    """The campaign."""
 
     methods: tuple[str, ...] = ("none", "whitening", "tcae", "hybrid")
-    kinds: tuple[str, ...] = tuple(KINDS)
+    """The headline's method is `tcae`, or the last if `tcae` is not among them."""
+    kinds: tuple[str, ...] = tuple(KINDS)  # names in `cases.KINDS`
     frames: int = 2000
-    parts: int = 1
+    """Frames per flight, a multiple of 40; those of the kinds `LONG` have `LONGER` times as many."""
+    hours: float = 0.0  # least flight hours in all; 0 flies every case once
     seed: int = 1
-    allowed_m_per_s: float = 20.0
+    allowed_m_per_s: float = 20.0  # vertical speed that altimeter and tracker allow; up to 10 m/s are flown
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": ROWS}
     published: ClassVar[Mapping[str, str]] = {
@@ -171,17 +168,23 @@ class IntegrityStudy(ChainStudy):
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        known = {name: value for name, value in super().head().items() if name != "parts"}
+        known = {name: value for name, value in super().head().items() if name != "hours"}
         return known | {"tracker": dataclasses.asdict(TRACKER)}
 
     def points(self) -> Sequence[IntegrityPoint]:
-        """The first flight of every case, then the second, and so on."""
-        return [
-            IntegrityPoint(f"{case.name}:{part}", self.frames_of(case), case=case.name, part=part)
-            for part in range(self.parts)
-            for case in cases(self.kinds)
-            if case.kind not in LONG or "none" in self.methods
-        ]
+        """The first flight of every case, then the second, and so on; cases in an order that mixes the kinds."""
+        known = [case for case in cases(self.kinds) if case.kind not in LONG or "none" in self.methods]
+        known.sort(key=lambda case: zlib.crc32(case.name.encode()))
+        out, left = [], 3600.0 * self.hours / self.waveform.sweep_s
+        for part in itertools.count():
+            for case in known:
+                if (part or self.hours) and left <= 0:
+                    return out
+                frames = self.frames_of(case)
+                out.append(IntegrityPoint(f"{case.name}:{part}", frames, case=case.name, part=part))
+                left -= frames
+            if not known:
+                return out
 
     def frames_of(self, case: Case) -> int:
         """Frames of a flight."""

@@ -17,21 +17,15 @@ from .config import LandingConfig
 class Assumption:
     """A study changed in one assumption.
 
-    Attributes
-    ----------
-    name, group, text : str
-        Key, part of the table, and the assumption in words.
-    change : callable
-        From the study to the changed one.
-    shift_db : float
-        Added to the study's SIR.
+    ``name``, ``group``, ``text``: key, part of the table, and the assumption in words.
     """
 
     name: str
     group: str
     text: str
     change: Callable[[LandingConfig], LandingConfig] = lambda study: study
-    shift_db: float = 0.0
+    """From the study to the changed one."""
+    shift_db: float = 0.0  # added to the study's SIR
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import AltimeterSettings
 from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
-from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (
@@ -32,24 +32,12 @@ class StudyError(InputError):
 
 @dataclass(frozen=True)
 class ApproachSpec:
-    """Figure 1: the whole approach at one interference level.
+    """Figure 1: the whole approach at one interference level."""
 
-    Attributes
-    ----------
-    frames : int
-        Frames measured, evenly spread over the flight; 0 leaves the part out.
-    sir_db : float
-        SIR, also that of the sensitivity table.
-    overlap : float
-        Active fraction of the frame.
-    chunk : int
-        Frames per point; methods are reset at the start of each.
-    """
-
-    frames: int = 400
-    sir_db: float = -15.0
-    overlap: float = 1.0
-    chunk: int = 50
+    frames: int = 400  # frames measured, evenly spread over the flight; 0 leaves the part out
+    sir_db: float = -15.0  # SIR, also that of the sensitivity table
+    overlap: float = 1.0  # active fraction of the frame
+    chunk: int = 50  # frames per point; methods are reset at the start of each
 
     def __post_init__(self) -> None:
         if self.frames < 0 or self.chunk < 1:
@@ -62,10 +50,10 @@ class ApproachSpec:
 class LandingConfig:
     """Settings of the study.
 
-    ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation. With
-    ``doppler: false`` the aircraft has no velocity in any frame. The power spectra of ``looks`` consecutive frames are
-    averaged for one altitude. ``sensitivity_trials`` is the number of frames per row of the sensitivity table; 0 leaves
-    it out. Relative file names are relative to ``folder``.
+    ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation. With ``doppler:
+    false`` the aircraft has no velocity in any frame. The power spectra of ``looks`` consecutive frames are averaged
+    for one altitude. ``sensitivity_trials`` is the number of frames per row of the sensitivity table; 0 leaves it
+    out. Relative file names are relative to ``folder``.
     """
 
     name: str = "landing"
@@ -138,10 +126,7 @@ def _flight(spec: LandingSpec) -> Trajectory:
 def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "") -> LandingConfig:
     """A validated study from nested mappings, as YAML gives them.
 
-    Raises
-    ------
-    StudyError
-        One line: source, key, value, what is allowed.
+    Raises `StudyError`: source, key, value, what is allowed.
     """
     try:
         if "curve" in data:
@@ -158,10 +143,7 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
 def check_config(config: LandingConfig) -> None:
     """Check files, coverage and heights before the run.
 
-    Raises
-    ------
-    StudyError, TerrainError, TrajectoryError
-        One line about the first fault.
+    Raises `StudyError, TerrainError, TrajectoryError`: one line about the first fault.
     """
     if not (config.approach.frames or config.sensitivity_trials):
         raise StudyError("approach.frames and sensitivity_trials are both 0; give one of them")

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Altimeter
 from ...core.mitigation import create
-from ...core.receiver.altimeter import Altimeter
 from ...evaluation.results.figure import COLUMN_IN, new_figure, save_figure
 from ...evaluation.results.score import CORRECT_LIMIT_M, accuracy_limit_m
 from ...evaluation.results.style import series_style

@@ -69,15 +69,10 @@ def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
 class Truth:
     """Frames of unit expected power without noise or interference, and their truth.
 
-    Attributes
-    ----------
-    frames : (n, looks, N) complex64 array
-        Consecutive frames for each of ``n`` altitudes.
-    height_m, nearest_m, climb_m_per_s, snr_db, time_s : (n,) arrays
-        Truth at the middle of the looks.
+    ``height_m``, ``nearest_m``, ``climb_m_per_s``, ``snr_db``, ``time_s`` (n,): truth at the middle of the looks.
     """
 
-    frames: np.ndarray
+    frames: np.ndarray  # (n, looks, N) complex64: Consecutive frames for each of ``n`` altitudes
     height_m: np.ndarray
     nearest_m: np.ndarray
     climb_m_per_s: np.ndarray
@@ -155,10 +150,7 @@ def impaired(
 
     Powers are averaged over the whole frame and refer to the *expected* return (mean over speckle).
 
-    Returns
-    -------
-    frames : (n, looks, N) complex64 array
-    sir_db, sinr_db : (n,) arrays; the SIR is infinite without interference.
+    Returns ``frames`` (n, looks, N) complex64; ``sir_db``, ``sinr_db`` (n,).
     """
     n, looks, samples = truth.frames.shape
     noise_w = 10.0 ** (-truth.snr_db / 10.0)

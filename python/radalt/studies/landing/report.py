@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ...core.receiver.altimeter import RESULT_DTYPE
+from ...core.altimeter.altimeter import RESULT_DTYPE
 from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
@@ -99,6 +99,7 @@ def write_report(folder: RunFolder, study: LandingStudy, rows: Mapping[str, Sequ
 def _page_values(config: LandingConfig, report: Row) -> Row:
     tables = {
         "approach_table": _approach_lines(report["approach"]),
+        "whole_table": _approach_lines([e for e in report["approach"] if e["band"] == BANDS[0][0]]),
         "sensitivity_table": _sensitivity_lines(report["sensitivity"]),
     }
     over = [r["text"] for r in report["sensitivity"] if r["over_400_m"] and r["method"] == "none"]

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ...evaluation.engine.own import with_option_files
 from ...evaluation.engine.study import Study
-from ...evaluation.overlap.study import check_methods, method_files, with_method_files
+from ...evaluation.overlap.study import check_methods, method_files
 from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
 from .points import TABLES, LandingPoint, point_rows, study_points
@@ -72,6 +73,6 @@ class LandingStudy(Study):
             trajectory=spec.trajectory,
             terrain=spec.terrain,
             antenna=spec.antenna,
-            method_options=with_method_files(config.method_options, own),
+            method_options=with_option_files(config.method_options, own),
         )
         return LandingStudy(changed)

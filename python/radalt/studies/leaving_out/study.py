@@ -68,21 +68,11 @@ _COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class LeavingOutStudy(Study):
-    """Scenes as planned and with everything built, by turns.
+    """Scenes as planned and with everything built, by turns."""
 
-    Attributes
-    ----------
-    frames : int
-        Frames at each altitude.
-    repeats : int
-        Runs of each.
-    scenes : tuple of str
-        Names in `SCENES` and `CHECKED`.
-    """
-
-    frames: int = 100
-    repeats: int = 3
-    scenes: tuple[str, ...] = tuple(SCENES)
+    frames: int = 100  # frames at each altitude
+    repeats: int = 3  # runs of each
+    scenes: tuple[str, ...] = tuple(SCENES)  # names in `SCENES` and `CHECKED`
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": _COLUMNS}
     max_jobs: ClassVar[int | None] = 1

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Spectra
 from ...core.mitigation import OwnProcess
 from ...core.mitigation.onnx_network import OnnxNetwork
 from ...core.mitigation.tcae import default_model_path
-from ...core.receiver.altimeter import Spectra
 from ...core.scene import Scene
 from ...evaluation.flowgraph.generate import Prepared
 from ...evaluation.flowgraph.run import make_top
@@ -22,18 +22,11 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
     """CPU seconds per frame of each block's function, by the block's name, and of the network's bare graph.
 
     The functions of a flowgraph's own blocks are called one after the other on the same frames: sources, channel and
-    altimeters with 64 frames, the network with ``batch``. With a tracker instead of an altimeter, ``tracker_METHOD`` is
-    what it does beyond an altimeter, and ``received_METHOD`` the spectra of its second input.
+    altimeters with 64 frames, the network with ``batch``. With a tracker instead of an altimeter, ``tracker_METHOD``
+    is what it does beyond an altimeter, and ``received_METHOD`` the spectra of its second input.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        Of `prepare_benchmark`, without a process of its own for the network.
-    scene : Scene
-    batch : int
-        Frames per call of the network.
-    frames : int
-        Frames made; the first 64 are not timed.
+    ``prepared``: of `prepare_benchmark`, without a process of its own for the network; ``batch``: frames per call of
+    the network; ``frames``: frames made; the first 64 are not timed.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     n = scene.waveform.samples_per_frame

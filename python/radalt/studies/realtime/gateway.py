@@ -40,12 +40,8 @@ class _Source(gr.sync_block):
 def gateway_seconds(samples: int, *, count: int = 6, frames: int = 2000) -> float:
     """CPU seconds per frame of a chain of ``count`` Python blocks that copy, between a source and a null sink.
 
-    Parameters
-    ----------
-    samples : int
-        Samples of a frame; the rings are as long as those of the flowgraph's blocks.
-    count, frames : int
-        Blocks of the chain, frames through it.
+    ``samples``: samples of a frame; the rings are as long as those of the flowgraph's blocks; ``count``, ``frames``:
+    blocks of the chain, frames through it.
     """
     top = gr.top_block()
     chain = [_Source(samples, frames), *(_Copy(samples) for _ in range(count)), blocks.null_sink(8 * samples)]

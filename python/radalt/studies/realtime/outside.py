@@ -29,21 +29,12 @@ print(longest, total)
 
 @dataclass(frozen=True)
 class Outside:
-    """Findings of one run.
-
-    Attributes
-    ----------
-    steal_s : float
-        Core seconds that the host of a virtual machine took, as the kernel counts them; NaN where it does not.
-    longest_ms : tuple of float
-        By core: the latest wake-up of a process that only sleeps.
-    total_ms : tuple of float
-        By core: the sum of lateness above 20 ms.
-    """
+    """Findings of one run."""
 
     steal_s: float
-    longest_ms: tuple[float, ...]
-    total_ms: tuple[float, ...]
+    """Core seconds that the host of a virtual machine took, as the kernel counts them; NaN where it does not."""
+    longest_ms: tuple[float, ...]  # by core: the latest wake-up of a process that only sleeps
+    total_ms: tuple[float, ...]  # by core: the sum of lateness above 20 ms
 
 
 class OutsideWatch:

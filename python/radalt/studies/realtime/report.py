@@ -19,20 +19,12 @@ _COLOURS = ("#0072B2", "#E69F00")  # Okabe and Ito
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A measurement and its unit.
-
-    Attributes
-    ----------
-    measured : Measurement
-    fft_s : float
-        CPU seconds of one FFT of a frame, measured before and after the run.
-    alone_s : dict of name -> float
-        CPU seconds per frame of each block's function in a loop (`alone_seconds`); may be empty.
-    """
+    """A measurement and its unit."""
 
     measured: Measurement
-    fft_s: float
+    fft_s: float  # CPU seconds of one FFT of a frame, measured before and after the run
     alone_s: Mapping[str, float] = field(default_factory=dict)
+    """CPU seconds per frame of each block's function in a loop (`alone_seconds`); may be empty."""
 
     def numbers(self, sweep_s: float) -> dict[str, Any]:
         """For ``report.json``, with costs in FFTs per frame as well."""

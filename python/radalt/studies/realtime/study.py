@@ -30,48 +30,31 @@ _WARM_UP = 0.1  # share of the run after which growth of memory counts
 class Measurement:
     """One run of the live path.
 
-    Attributes
-    ----------
-    signal_s, wall_s : float
-        Seconds of signal that were processed, and how long that took.
-    cpu_s : dict of block -> float
-        CPU seconds of each block's thread, and of the network's process where it has one of its own.
-    process_cpu_s : float
-        CPU seconds of everything.
-    calls : dict of block -> int
-        How often GNU Radio called each block's ``work``.
-    frames : dict of method -> int
-        Altitude results.
-    latency_ms : dict of method -> (frames,) float array
-        From the arrival of a frame's last sample at the segmenter to its altitude; empty unless held to real time,
-        since it would measure the depth of the buffers.
-    dropped_frames, lost_samples : int
-        Frames dropped for a slow method, samples lost.
-    skipped_frames : int
-        Frames that skipped the network.
-    memory_bytes, memory_growth_bytes : int
-        Resident memory at the end, that of the network's process included, and its growth after the first tenth of the
-        run.
-    outside : Outside
-        How long other programs held up the cores.
-    source_held_up_s, source_longest_hold_up_s : float
-        For how long, in all and at most, the simulated radio's samples had to wait; 0 unless held to real time. A
-        radio's samples would wait in its ring, 0.5 s long in the flowgraphs.
+    - ``signal_s``, ``wall_s``: seconds of signal that were processed, and how long that took
+    - ``dropped_frames``, ``lost_samples``: frames dropped for a slow method, samples lost
+    - ``memory_bytes``, ``memory_growth_bytes``: resident memory at the end, that of the network's process included,
+      and its growth after the first tenth of the run
+    - ``source_held_up_s``, ``source_longest_hold_up_s``: for how long, in all and at most, the simulated radio's
+      samples had to wait; 0 unless held to real time. A radio's samples would wait in its ring, 0.5 s long in the
+      flowgraphs.
     """
 
     signal_s: float
     wall_s: float
     cpu_s: dict[str, float]
-    process_cpu_s: float
-    calls: dict[str, int]
-    frames: dict[str, int]
+    """CPU seconds of each block's thread, and of the network's process where it has one of its own."""
+    process_cpu_s: float  # CPU seconds of everything
+    calls: dict[str, int]  # how often GNU Radio called each block's ``work``
+    frames: dict[str, int]  # altitude results
     latency_ms: dict[str, np.ndarray]
+    """(dict of method -> (frames,) float array): from the arrival of a frame's last sample at the segmenter to its
+    altitude; empty unless held to real time, since it would measure the depth of the buffers."""
     dropped_frames: int
     lost_samples: int
-    skipped_frames: int
+    skipped_frames: int  # frames that skipped the network
     memory_bytes: int
     memory_growth_bytes: int
-    outside: Outside
+    outside: Outside  # how long other programs held up the cores
     source_held_up_s: float
     source_longest_hold_up_s: float
 
@@ -129,10 +112,7 @@ def prepare_benchmark(
 def at_rate(scene: Scene, rate_hz: float) -> Scene:
     """The scene at another sample rate, with a sweep as wide as that rate and as long as before.
 
-    Raises
-    ------
-    ValueError
-        If a frame is then no whole even number of samples, or an interferer does not fit.
+    Raises `ValueError` if a frame is then no whole even number of samples, or an interferer does not fit.
     """
     waveform = dataclasses.replace(scene.waveform, rate_hz=rate_hz, bandwidth_hz=rate_hz)
     return dataclasses.replace(scene, waveform=waveform)
@@ -148,22 +128,9 @@ def long_scene(scene: Scene, seconds: float) -> Scene:
 def fly_benchmark(prepared: Prepared, scene: Scene, *, realtime: bool, time_limit_s: float) -> Measurement:
     """Run once, watching threads and memory from outside the signal path.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        Of `prepare_benchmark`.
-    scene : Scene
-        Its programme's length is the run's.
-    realtime : bool
-        Whether the channel holds the samples to their rate; then frames are dropped where a method is too slow, as on
-        the air.
-    time_limit_s : float
-        Longest wall time.
-
-    Raises
-    ------
-    FlowgraphError
-        If the run does not end in time.
+    ``prepared``: of `prepare_benchmark`; ``scene``: its programme's length is the run's; ``realtime``: whether the
+    channel holds the samples to their rate; then frames are dropped where a method is too slow, as on the air;
+    ``time_limit_s``: longest wall time. Raises `FlowgraphError` if the run does not end in time.
     """
     gc.collect()  # frees the rings of an earlier flowgraph, which would count as memory of this one
     top = make_top(prepared, scene, drop_when_slow=int(realtime))

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from ...core.altimeter.altimeter import AltimeterSettings
 from ...core.deramp.front_end import Amplifier
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
-from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
@@ -26,32 +26,19 @@ _WIDE_M = 20.0  # largest error, m, where a return is distorted but not another 
 
 @dataclass(frozen=True)
 class Case:
-    """Frames and their truth.
-
-    Attributes
-    ----------
-    name : str
-    frames : (n, N) complex64
-    truth_m : (n,) or (n, k) float array
-        Altitudes that count as right, k alternatives per frame; NaN if none is right.
-    bound_m : float
-        Largest error of a declared altitude.
-    waveform : Waveform
-    settings : AltimeterSettings
-    detects : bool
-        Whether the chain without mitigation has to declare every frame.
-    noise_limited : bool
-        Whether noise or interference can pass for a return, so that false alarms at the CFAR's design rate are allowed.
-    """
+    """Frames and their truth."""
 
     name: str
-    frames: np.ndarray
+    frames: np.ndarray  # (n, N) complex64
     truth_m: np.ndarray
-    bound_m: float = 5.0
+    """(n,) or (n, k) float array: altitudes that count as right, k alternatives per frame; NaN if none is right."""
+    bound_m: float = 5.0  # largest error of a declared altitude
     waveform: Waveform = Waveform()
     settings: AltimeterSettings = _SCENE
-    detects: bool = False
+    detects: bool = False  # whether the chain without mitigation has to declare every frame
     noise_limited: bool = True
+    """Whether noise or interference can pass for a return, so that false alarms at the CFAR's design rate are
+    allowed."""
 
 
 def _rng(name: str) -> np.random.Generator:

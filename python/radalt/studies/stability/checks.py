@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from ...core.altimeter.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
 from ...core.mitigation import METHODS, create
 from ...core.programme import Programme
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
-from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.point import point_return
 from ...core.scene import Scene
+from ...core.timing.segmenter import FrameSegmenter
 from ...core.waveform import Waveform
 from ...evaluation.engine.apart import call_apart
 from ...evaluation.engine.pool import WorkerError
@@ -37,10 +37,7 @@ def step_limit(spread: float) -> dict[str, Any]:
     ``lambda_max`` is the largest eigenvalue of the block's mean Gram matrix: ``block`` times that of the covariance
     (S. Haykin, Adaptive Filter Theory, 4th ed., sec. 7.4).
 
-    Parameters
-    ----------
-    spread : float
-        Spread of the input's spectrum, as in `coloured_noise`.
+    ``spread``: spread of the input's spectrum, as in `coloured_noise`.
     """
     waveform, length, block = Waveform(), 32, 100
     rng = np.random.default_rng(int(np.log10(spread)))

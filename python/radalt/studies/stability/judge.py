@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
+from ...core.altimeter.altimeter import Altimeter, Reason, shared_altimeter
 from ...core.mitigation import Mitigation, MitigationError
 from ...core.mitigation.tcae import default_model_path
-from ...core.receiver.altimeter import Altimeter, Reason, shared_altimeter
 from ...core.returns.point import point_return
 from ...evaluation.results.chain import Chain
 from .cases import CLEAN_ALTITUDE_M, Case, noisy

@@ -1,5 +1,6 @@
 """Stability report: counts of verdicts, rows that did not pass, one figure; every row is in rows.csv."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,11 @@ _GROUPS = {
     "front_end": "compression and intermodulation",
 }
 _COLOURS = {
-    "pass": "#009E73",
-    "refused": "#BBBBBB",
-    "flagged": "#56B4E9",
+    "pass": "#A6DBC9",
+    "refused": "#D0D0D0",
+    "flagged": "#9CCBEB",
     "WRONG": "#E69F00",
-    "FAIL": "#000000",
+    "FAIL": "#D55E00",
 }
 BY_GROUP = Columns(
     names=(
@@ -35,7 +36,6 @@ BY_GROUP = Columns(
     text=frozenset({"group", "chain"}),
     whole=frozenset({"rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"}),
 )
-_SIGNS = {"pass": "", "refused": "r", "flagged": "f", "WRONG": "W", "FAIL": "X"}
 
 
 def failures(tables: Mapping[str, Sequence[dict[str, Any]]]) -> list[str]:
@@ -175,29 +175,31 @@ def _brief(value: float | None) -> str:
 
 
 def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """A tile for every case and chain with a row that did not pass, in the colour of its verdict."""
-    from matplotlib.patches import Patch, Rectangle
+    """A bar for every chain and group, divided by verdict, with the number of cases that passed."""
+    from matplotlib.patches import Patch
 
-    broken = [r for r in rows if r["verdict"] in ("WRONG", "FAIL")] or rows
-    cases = list(dict.fromkeys(r["case"] for r in broken))
-    chains = list(dict.fromkeys(r["chain"] for r in broken))
-    shown = [r for r in rows if r["case"] in cases and r["chain"] in chains]
-    figure = new_figure(3.4 + 0.4 * len(chains), 2.2 + 0.22 * len(cases))
-    axis = figure.subplots()
-    for r in shown:
-        x, y = chains.index(r["chain"]), cases.index(r["case"])
-        axis.add_patch(Rectangle((x - 0.46, y - 0.43), 0.92, 0.86, color=_COLOURS[r["verdict"]], lw=0))
-        colour = "white" if r["verdict"] == "FAIL" else "black"
-        axis.text(x, y, _SIGNS[r["verdict"]], ha="center", va="center", fontsize=8, color=colour)
-    figure.suptitle(f"{EMITTERS}, unless called ideal", fontsize=8)
-    axis.set_xlim(-0.5, len(chains) - 0.5)
-    axis.set_ylim(len(cases) - 0.5, -0.5)
-    axis.set_yticks(range(len(cases)), cases, fontsize=8)
-    axis.set_xticks(range(len(chains)), chains, rotation=60, ha="left", fontsize=8)
-    axis.xaxis.tick_top()
-    axis.tick_params(length=0)
-    axis.spines[:].set_visible(False)
-    names = [v for v in _COLOURS if any(r["verdict"] == v for r in shown)]
-    handles = [Patch(color=_COLOURS[v], label=v + (f" ({_SIGNS[v]})" if _SIGNS[v] else "")) for v in names]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(names), fontsize=8, frameon=False)
+    chains = _by_chain(rows)
+    groups = [group for group in _GROUPS if any(r["group"] == group for r in rows)]
+    figure = new_figure(7.0, 1.7 + 0.25 * len(chains))
+    for axis, group in zip(
+        figure.subplots(1, len(groups), sharey=True, squeeze=False)[0], groups, strict=True
+    ):
+        for y, mine in enumerate(chains.values()):
+            count, *found = _verdicts([r for r in mine if r["group"] == group])
+            left = 0.0
+            for share, colour in zip(found, _COLOURS.values(), strict=True):
+                axis.barh(y, share / max(count, 1), left=left, color=colour, height=0.8)
+                left += share / max(count, 1)
+            axis.text(0.5, y, f"{found[0]} of {count}", ha="center", va="center", fontsize=8)
+        axis.set_title(textwrap.fill(_GROUPS[group], 13), fontsize=9)
+        axis.set_xticks([])
+        axis.set_yticks(range(len(chains)), chains, fontsize=9)
+        axis.tick_params(length=0)
+        axis.spines[:].set_visible(False)
+    axis.invert_yaxis()  # of all
+    wrong = [chain for chain, mine in chains.items() if any(r["verdict"] in ("WRONG", "FAIL") for r in mine)]
+    finding = f"{_verdicts(rows)[1]} of {len(rows)} pass; wrong altitudes: {', '.join(wrong) or 'none'}"
+    figure.suptitle(f"{finding}\n{EMITTERS}, unless called ideal", fontsize=9)
+    handles = [Patch(color=colour, label=verdict) for verdict, colour in _COLOURS.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9, frameon=False)
     save_figure(figure, path)

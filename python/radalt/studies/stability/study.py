@@ -56,20 +56,12 @@ class StabilityPoint(Point):
 
 @dataclass(frozen=True)
 class StabilityStudy(ChainStudy):
-    """Cases and checks for a number of chains.
-
-    Attributes
-    ----------
-    chains : tuple of Chain
-    groups : tuple of str
-        Names in `cases.GROUPS`.
-    checked : tuple of str
-        Methods whose determinism and flowgraph are checked, besides long runs; empty leaves all checks out.
-    """
+    """Cases and checks for a number of chains."""
 
     chains: tuple[Chain, ...]
-    groups: tuple[str, ...] = tuple(GROUPS)
+    groups: tuple[str, ...] = tuple(GROUPS)  # names in `cases.GROUPS`
     checked: tuple[str, ...] = ()
+    """Methods whose determinism and flowgraph are checked, besides long runs; empty leaves all checks out."""
 
     tables: ClassVar[Mapping[str, Columns]] = _TABLES
     published: ClassVar[Mapping[str, str]] = {

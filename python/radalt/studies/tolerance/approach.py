@@ -14,8 +14,8 @@ from scipy.constants import foot, speed_of_light
 
 from ...core.deramp.profile import Profile, load_profile
 from ...core.parsing import InputError, build, check_range, load_yaml
-from ...core.receiver.tracker_settings import Status
 from ...core.returns.terrain.antenna import TabulatedAntenna
+from ...core.tracker.tracker_settings import Status
 from ...evaluation.engine.study import Point, Run, Study
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.constants import foot
 
-from ...core.receiver.tracker_settings import Status
+from ...core.tracker.tracker_settings import Status
 
 # Mean error above 0.5 %, fewer than 98 % within 2 %, any output without computed data: commonly quoted from RTCA
 # 274-20/PMC-2073, not read there.
@@ -27,16 +27,7 @@ CRITERIA = {
 
 
 def judged(status: np.ndarray, altitude_m: np.ndarray, truth_m: float, output_s: float) -> dict[str, bool]:
-    """Which criteria have failed.
-
-    Parameters
-    ----------
-    status, altitude_m : (n,) arrays
-        Outputs.
-    truth_m : float
-    output_s : float
-        Time between outputs.
-    """
+    """Which criteria have failed. ``status``, ``altitude_m`` (n,): outputs; ``output_s``: time between outputs."""
     normal = status == Status.NORMAL
     error = np.where(normal, altitude_m - truth_m, np.nan)
     within = normal & (np.abs(error) <= _WITHIN_SHARE * truth_m)

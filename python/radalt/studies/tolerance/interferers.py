@@ -85,38 +85,25 @@ def _drifting(profile: Profile, rng: np.random.Generator) -> Emitter:
 
 @dataclass(frozen=True)
 class Interferer:
-    """A kind of interference; its level is the mean power at the port while it transmits.
-
-    Attributes
-    ----------
-    title : str
-    emitter : callable (profile, rng) -> Emitter, or None
-        None for white noise and for signals next to the band.
-    constant_envelope : bool
-        Whether its envelope at the amplifier is constant.
-    bandwidth_hz : float or None
-        Bandwidth of its power; None is the preselector's noise bandwidth.
-    center_hz : float or None
-        None is the altimeter's own band.
-    floor_dbc_per_hz : float
-        Its broadband noise, white over the sweep. Without it blanking would have no limit.
-    others : bool
-        Whether the aircraft's other altimeters and a foreign one transmit as well, at their own levels.
-    bursts : Bursts or None
-        When it transmits; None is always.
-    elsewhere_db : float or None
-        Power of a second one of the kind, in another direction, over the first's; None for none.
-    """
+    """A kind of interference; its level is the mean power at the port while it transmits."""
 
     title: str
     emitter: Callable[[Profile, np.random.Generator], Emitter] | None = None
+    """Callable (profile, rng) -> Emitter, or None None for white noise and for signals next to the band."""
     constant_envelope: bool = False
+    """Whether its envelope at the amplifier is constant."""
     bandwidth_hz: float | None = None
+    """Bandwidth of its power; None is the preselector's noise bandwidth."""
     center_hz: float | None = None
+    """None is the altimeter's own band."""
     floor_dbc_per_hz: float = _OSCILLATOR_DBC_PER_HZ
+    """Its broadband noise, white over the sweep. Without it blanking would have no limit."""
     others: bool = False
+    """Whether the aircraft's other altimeters and a foreign one transmit as well, at their own levels."""
     bursts: Bursts | None = None
+    """When it transmits; None is always."""
     elsewhere_db: float | None = None
+    """Power of a second one of the kind, in another direction, over the first's; None for none."""
 
     @property
     def blocker(self) -> bool:

@@ -38,31 +38,20 @@ STYLES = (
 class Pooled:
     """Break-point of one interferer, method and altitude over all seeds.
 
-    Attributes
-    ----------
-    mean, half : float
-        Mean, and half width of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in dBm at the port;
-        NaN if no seed has a break-point.
-    open : int
-        Number of seeds without a break-point.
-    highest : int
-        Highest level searched.
-    clean : bool
-        Whether the altimeter works without interference.
-    flux, margin : float
-        The mean as power flux density in dBW/m^2/MHz, and in dB above Table 1 (NaN where that does not apply).
-    first : str
-        Criteria that failed first in any seed.
+    - ``mean``, ``half``: mean, and half width of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in
+      dBm at the port; NaN if no seed has a break-point
+    - ``flux``, ``margin``: the mean as power flux density in dBW/m^2/MHz, and in dB above Table 1 (NaN where that
+      does not apply)
     """
 
     mean: float
     half: float
-    open: int
-    highest: int
-    clean: bool
+    open: int  # number of seeds without a break-point
+    highest: int  # highest level searched
+    clean: bool  # whether the altimeter works without interference
     flux: float
     margin: float
-    first: str
+    first: str  # criteria that failed first in any seed
 
 
 def pooled(rows: Sequence[Mapping[str, Any]], highest_dbm: int = HIGHEST_DBM) -> Pooled:
@@ -116,6 +105,7 @@ def write_report(
     for method, name in figures.items():
         save_figure(draw(profiles, study, groups, method), folder.path / name)
     values = {
+        "verdict": _verdict(groups, study.methods[0]),
         "profiles": profiles,
         "study": study,
         "figures": figures,
@@ -131,6 +121,20 @@ def write_report(
         "run_in": RUN_IN,
     }
     return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), rows, values)
+
+
+def _verdict(groups: Groups, method: str) -> str:
+    """The altimeter that breaks first, and how many break-points are below what Table 1 asks for."""
+    known = {k: f for k, f in groups.items() if k[1:3] == ("all", method) and not np.isnan(f.mean)}
+    if not known:
+        return "**No break-point was found up to the highest level.** Simulated."
+    profile, *_, name, feet = first = min(known, key=lambda key: known[key].mean)
+    margins = [f.margin for f in known.values() if not np.isnan(f.margin)]
+    return (
+        f"**`{profile}` breaks first, at {known[first].mean:.1f} dBm at its port, under {INTERFERERS[name].title} at "
+        f"{feet:,g} ft** ({known[first].first}). {sum(m < 0 for m in margins)} of {len(margins)} are below "
+        "what 14 CFR 91.220(b) Table 1 asks for. Simulated; the altimeters are fitted models."
+    )
 
 
 def _level(found: Pooled | None) -> str:
@@ -229,7 +233,7 @@ def _gain_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Grou
     lines = []
     cases = ("all", "without compression") if study.decompose else ("all",)
     for p, name, method, case in product(profiles, study.interferers, others, cases):
-        keys = [((p.name, case, m, name, feet) for m in ("none", method)) for feet in study.altitudes_ft]
+        keys = [[(p.name, case, m, name, feet) for m in ("none", method)] for feet in study.altitudes_ft]
         words = f"{p.name}, {INTERFERERS[name].title}, {method}" + (f", {case}" if case != "all" else "")
         lines.append([words, *(_gained(*map(groups.get, k)) for k in keys)])
     return table(["altimeter, interferer, method", *_feet(study)], lines)
@@ -238,9 +242,9 @@ def _gain_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Grou
 def _number_table(profile: Profile) -> str:
     lines = [
         [f"`{name}`", f"{getattr(profile, name):g}", level, source]
-        for name, (level, source) in profile.standing.items()
+        for name, (level, source) in profile.provenance.items()
     ]
-    return table(["number", "value", "standing", "source"], lines)
+    return table(["number", "value", "provenance", "source"], lines)
 
 
 def figure_name(study: ToleranceStudy, method: str) -> str:

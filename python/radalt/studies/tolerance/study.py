@@ -21,8 +21,8 @@ from ...core.deramp.if_waveform import white_noise
 from ...core.deramp.profile import Profile, load_profile
 from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT, pfd_dbw_per_m2_mhz
 from ...core.mitigation import create
-from ...core.receiver.auxiliary_cancel import AuxiliaryCancel, CancelSettings
 from ...core.returns.point import point_return
+from ...core.timing.auxiliary_cancel import AuxiliaryCancel, CancelSettings
 from ...evaluation.engine.study import Point, Study
 from ...evaluation.results.rows import Columns
 from .criteria import CRITERIA, RUN_IN, break_level, judged
@@ -58,19 +58,9 @@ class TolerancePoint(Point):
 class Trial:
     """One realisation of noise and interference, at any level, over one altitude at a time.
 
-    Parameters
-    ----------
-    profile : Profile
-    interferer, method : str
-    outputs : int
-        Outputs that the criteria count.
-    seed : int
-    ground : str
-        ``point`` or ``diffuse``.
-    auxiliary : AuxiliarySettings
-        The second antenna, with the method `auxiliary_cancel`.
-    cancel : dict
-        Settings of its canceller other than those that a mixer asks for.
+    ``outputs``: outputs that the criteria count; ``ground``: ``point`` or ``diffuse``. With the method
+    `auxiliary_cancel`, ``auxiliary`` is the second antenna, and ``cancel`` has settings of its canceller other than
+    those that a mixer asks for.
     """
 
     def __init__(
@@ -250,34 +240,20 @@ COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class ToleranceStudy(Study):
-    """A grid of altimeters, interferers, methods, altitudes and seeds.
+    """A grid of altimeters, interferers, methods, altitudes and seeds."""
 
-    Attributes
-    ----------
-    profiles : tuple of str
-        Paths, or names of shipped profiles.
-    interferers, methods : tuple of str
-    altitudes_ft : tuple of float
-    outputs : int
-        Outputs that every criterion counts: the duration of a trial.
-    seeds, seed : int
-        Number of realisations, and the first; the shipped profiles were fitted on realisation 1.
-    ground : str
-        ``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``.
-    decompose : bool
-        Measure interferers outside the band also with each of `MECHANISMS` alone, and without it; those in the band
-        also without compression.
-    """
-
-    profiles: tuple[str, ...]
+    profiles: tuple[str, ...]  # paths, or names of shipped profiles
     interferers: tuple[str, ...]
     methods: tuple[str, ...]
     altitudes_ft: tuple[float, ...]
-    outputs: int = 150
-    seeds: int = 3
+    outputs: int = 150  # outputs that every criterion counts: the duration of a trial
+    seeds: int = 3  # number of realisations
     ground: str = "point"
+    """``point`` (at the loop loss of diffuse ground, as a test set shows it) or ``diffuse``."""
     decompose: bool = False
-    seed: int = 2
+    """Measure interferers outside the band also with each of `MECHANISMS` alone, and without it; those in the band
+    also without compression."""
+    seed: int = 2  # the first realisation; the shipped profiles were fitted on 1
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {

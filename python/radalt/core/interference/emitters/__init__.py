@@ -9,22 +9,20 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
+from ...parsing import Settings
 from ...plugins import load_plugins
 
 __all__ = ["NamedEmitter", "emitter_class", "emitter_names", "register"]
 
 
-class NamedEmitter:
+class NamedEmitter(Settings):
     """Base of an emitter that a scene can name: a frozen dataclass whose fields are its keys in the scene.
 
-    It adds the emitter's names to what placement needs (`radalt.core.interference.placement.Emitter`). A class defines
-    ``begin(rate_hz, rng)``, which draws a transmission and returns its samples as a function of ``(first, count)``; or
-    ``samples``, if windows of it have nothing to do with each other.
+    It adds the emitter's names to what placement needs (`radalt.core.interference.placement.Emitter`). A class
+    defines ``begin(rate_hz, rng)``, which draws a transmission and returns its samples as a function of ``(first,
+    count)``; or ``samples``, if windows of it have nothing to do with each other.
 
-    Attributes
-    ----------
-    scene_name : str
-        Key in a scene's ``interference``; for an emitter in this folder also the name of its file.
+    ``scene_name``: key in a scene's ``interference``; for an emitter in this folder also the name of its file.
     """
 
     scene_name: ClassVar[str] = ""
@@ -60,10 +58,7 @@ _FILES = tuple(file.name for file in pkgutil.iter_modules(__path__) if not file.
 def register(cls: _Class) -> _Class:
     """Class decorator: makes an emitter known to scenes by its ``scene_name``.
 
-    Raises
-    ------
-    ValueError
-        If the name is empty, or another class has it.
+    Raises `ValueError` if the name is empty, or another class has it.
     """
     name = cls.scene_name
     if not name.isidentifier():

@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.constants import Boltzmann, foot
 
-from ...parsing import LARGEST, check_range
+from ...parsing import LARGEST, Settings, setting
 from ...returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
 from ...returns.terrain.antenna import GaussianAntenna
 from ...returns.terrain.ground import reflectivity
@@ -70,22 +70,15 @@ def pfd_dbw_per_m2_mhz(frequency_hz: np.ndarray | float, altitude_ft: float = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class ButterworthFilter:
-    """Band-pass selectivity |H|^2 = 1 / (1 + (2 (f - centre) / bandwidth)^(2 order)).
+class ButterworthFilter(Settings, where="filter"):
+    """Band-pass selectivity |H|^2 = 1 / (1 + (2 (f - centre) / bandwidth)^(2 order))."""
 
-    Parameters
-    ----------
-    center_hz : middle of the pass band, > 0
-    bandwidth_hz : between the 3 dB points, > 0
-    order : of the low-pass prototype, 1..20
-    """
-
-    center_hz: float = 4.3e9
-    bandwidth_hz: float = 7.5e6
-    order: int = 5
-
-    def __post_init__(self) -> None:
-        check_range("filter", self, center_hz=(1.0, LARGEST), bandwidth_hz=(1.0, LARGEST), order=(1, 20))
+    center_hz: float = setting(4.3e9, 1e8, 1e12)
+    """Middle of the pass band."""
+    bandwidth_hz: float = setting(7.5e6, 1e5, LARGEST)
+    """Width between the 3 dB points."""
+    order: int = setting(5, 1, 20)
+    """Order of the low-pass prototype."""
 
     def power_gain(self, frequency_hz: np.ndarray) -> np.ndarray:
         """|H(f)|^2, same shape, 0..1."""
@@ -119,26 +112,10 @@ class FaaMask(NamedEmitter):
     `samples` gives Gaussian noise of mean power 1, flat over the receiver's band as the table is over 4200-4400 MHz;
     place it at `report().sir_db` to put the radar in the field strength of the table.
 
-    Parameters
-    ----------
-    altitude_ft : 0..500, the range for which the table is defined; its levels do not change within it
-    antenna_gain_dbi : gain of the altimeter's antennas (transmit = receive), also taken out of band
-    receiver_filter : all selectivity before the interference meets the beat signal, `ButterworthFilter`; what it lets
-        through from outside 4200-4400 MHz counts as interference
-    center_hz : radar centre frequency, in 4.2e9..4.4e9
-    noise_figure_db : 0..30; 8 dB as quoted for the first altimeter of ITU-R M.2059 Table 2
-    tx_power_w : transmit power of the return's budget, > 0; 0.4 W of the same altimeter
-    losses_db : cables, both ways together, 0..60; interference passes the receiver's half. Assumed
-    sigma0_db : reflectivity of the ground at nadir (m^2/m^2 in dB), falling with incidence as `Morchin`'s built-up land
-        does; no measured value was found, so it is to be swept
-    beamwidth_deg : full beam of one antenna between its -3 dB points, 1..120
-    antenna_height_m : antenna above the wheels, > 0: the range at 0 ft
-
     Raises
     ------
     ValueError
         One line with the value, the limit and the remedy.
-
     Example
     -------
     >>> report = FaaMask(altitude_ft=200.0).report()
@@ -149,30 +126,31 @@ class FaaMask(NamedEmitter):
     scene_name: ClassVar[str] = "faa_91_220"
 
     altitude_ft: float = 200.0
-    antenna_gain_dbi: float = 10.0
+    """Altitude, 0..500, the range for which the table is defined; its levels do not change within it."""
+    antenna_gain_dbi: float = setting(10.0, -20.0, 40.0)
+    """Gain of the altimeter's antennas (transmit = receive), also taken out of band."""
     receiver_filter: ButterworthFilter = field(default_factory=ButterworthFilter)
-    center_hz: float = 4.3e9
-    noise_figure_db: float = 8.0
-    tx_power_w: float = 0.4
-    losses_db: float = 6.0
-    sigma0_db: float = 10.5
-    beamwidth_deg: float = 40.0
-    antenna_height_m: float = 2.0
+    """All selectivity before the interference meets the beat signal, `ButterworthFilter`; what it lets through from
+    outside 4200-4400 MHz counts as interference."""
+    center_hz: float = setting(4.3e9, *BAND_HZ)
+    """Radar centre frequency, in 4.2e9..4.4e9."""
+    noise_figure_db: float = setting(8.0, 0.0, 30.0)
+    """Noise figure; 8 dB as quoted for the first altimeter of ITU-R M.2059 Table 2."""
+    tx_power_w: float = setting(0.4, 1e-6, 1e3)
+    """Transmit power of the return's budget; 0.4 W of the same altimeter."""
+    losses_db: float = setting(6.0, 0.0, 60.0)
+    """Cables, both ways together; interference passes the receiver's half. Assumed."""
+    sigma0_db: float = setting(10.5, -60.0, 40.0)
+    """Reflectivity of the ground at nadir (m^2/m^2 in dB), falling with incidence as `Morchin`'s built-up land does;
+    no measured value was found, so it is to be swept."""
+    beamwidth_deg: float = setting(40.0, 1.0, 120.0)
+    """Full beam of one antenna between its -3 dB points."""
+    antenna_height_m: float = setting(2.0, 0.1, 20.0)
+    """Antenna above the wheels: the range at 0 ft."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_altitude_ft(self.altitude_ft)
-        check_range(
-            "faa_91_220",
-            self,
-            antenna_gain_dbi=(-20.0, 40.0),
-            center_hz=BAND_HZ,
-            noise_figure_db=(0.0, 30.0),
-            tx_power_w=(1e-6, 1e3),
-            losses_db=(0.0, 60.0),
-            sigma0_db=(-60.0, 40.0),
-            beamwidth_deg=(1.0, 120.0),
-            antenna_height_m=(0.1, 20.0),
-        )
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""
@@ -231,8 +209,8 @@ class FaaMask(NamedEmitter):
     def report(self) -> FaaReport:
         """Received powers inside and outside 4200-4400 MHz, I/N and SIR.
 
-        The filter's noise bandwidth over 4200-4400 MHz sets the thermal noise k T0 B F, so that I/N compares
-        like with like.
+        The filter's noise bandwidth over 4200-4400 MHz sets the thermal noise k T0 B F, so that I/N compares like
+        with like.
         """
         in_band = out_of_band = 0.0
         for low_mhz, high_mhz, _ in TABLE_1:

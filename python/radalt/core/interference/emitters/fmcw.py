@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import LARGEST, check_range
+from ...parsing import LARGEST, setting
 from ...waveform import exp_cycles
 from ..receiver_filter import PASSBAND_FRACTION, decimate_window, oversampling, window_guard
 from ..transmission import Signal
@@ -22,24 +22,14 @@ from . import NamedEmitter, register
 class FmcwEmitter(NamedEmitter):
     """Another FMCW radio altimeter: linear sweeps, phase-continuous, band-limited by the radar's receiver.
 
-    Frequency in a period: from carrier - B/2 up to carrier + B/2 in the up part, back in the rest. The phase
-    is the integral of the frequency, so a period need not hold a whole number of cycles.
-
-    Parameters
-    ----------
-    carrier_hz : centre of its sweep relative to the radar's centre
-    sweep_bandwidth_hz : B > 0; 150 MHz is the first altimeter of ITU-R M.2059 Table 2
-    sweep_period_s : time of up and down sweep together, > 0
-    up_fraction : part of the period spent on the up sweep, 0..1; 0.5 is a triangle, 1 and 0 are sawtooths
-    always_in_window : draw the timing such that the sweep crosses the band inside the window; False draws it
-        uniformly, and many short windows are then empty
+    Frequency in a period: from carrier - B/2 up to carrier + B/2 in the up part, back in the rest. The phase is the
+    integral of the frequency, so a period need not hold a whole number of cycles.
 
     Raises
     ------
     ValueError
-        If a value is out of range, or (from `samples`) the sweep misses the band or needs over 64 times the
-        radar's rate.
-
+        If a value is out of range, or (from `samples`) the sweep misses the band or needs over 64 times the radar's
+        rate.
     Example
     -------
     >>> other = FmcwEmitter(sweep_bandwidth_hz=132e6, sweep_period_s=2e-3, carrier_hz=5e6)
@@ -49,17 +39,17 @@ class FmcwEmitter(NamedEmitter):
     scene_name: ClassVar[str] = "fmcw"
     unit_power: ClassVar[bool] = True
 
-    carrier_hz: float = 0.0
-    sweep_bandwidth_hz: float = 150e6
-    sweep_period_s: float = 1.0 / 143.0
-    up_fraction: float = 0.5
+    carrier_hz: float = setting(0.0, -LARGEST, LARGEST)
+    """Centre of its sweep relative to the radar's centre."""
+    sweep_bandwidth_hz: float = setting(150e6, 1e3, 5e9)
+    """Swept bandwidth B; 150 MHz is the first altimeter of ITU-R M.2059 Table 2."""
+    sweep_period_s: float = setting(1.0 / 143.0, 1e-9, 1e5)
+    """Time of up and down sweep together."""
+    up_fraction: float = setting(0.5, 0.0, 1.0)
+    """Part of the period spent on the up sweep; 0.5 is a triangle, 1 and 0 are sawtooths."""
     always_in_window: bool = True
-
-    def __post_init__(self) -> None:
-        check_range(
-            "fmcw", self, up_fraction=(0.0, 1.0), sweep_bandwidth_hz=(1e3, 5e9), sweep_period_s=(1e-9, 1e5)
-        )
-        check_range("fmcw", self, carrier_hz=(-LARGEST, LARGEST))
+    """Draw the timing such that the sweep crosses the band inside the window; False draws it uniformly, and many
+    short windows are then empty."""
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""

@@ -30,8 +30,8 @@ HALF_SUBFRAME_SYMBOLS = 7
 def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
     """Normal cyclic prefix of the symbols of 0.5 ms in samples, clause 5.3.1: (7,) int, or (14,) of 30 kHz.
 
-    144 kappa T_c 2^-mu, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz.
-    Raises ValueError unless `fft_length` is a multiple of 128 (whole samples).
+    144 kappa T_c 2^-mu, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz. Raises ValueError
+    unless `fft_length` is a multiple of 128 (whole samples).
     """
     if fft_length < 128 or fft_length % 128:
         raise ValueError(f"fft_length {fft_length} gives fractional cyclic prefixes; use a multiple of 128")
@@ -46,20 +46,12 @@ def ofdm_modulate(
 ) -> np.ndarray:
     """CP-OFDM, TS 38.211 clause 5.3.1: s(t) = sum_k a_k exp(j 2 pi (k - N_sc/2) df (t - N_CP T_c - t_start)).
 
-    Parameters
-    ----------
-    values : complex (subcarriers, symbols), whole slots, first column at the start of a subframe
-    fft_length : samples of a symbol's useful part, >= subcarriers, a multiple of 128; rate / spacing
-    spacing_hz : 15e3 or 30e3
+    - ``values`` (complex (subcarriers, symbols), whole slots, first column at the start of a subframe),
+      ``fft_length`` (samples of a symbol's useful part, >= subcarriers, a multiple of 128; rate / spacing),
+      ``spacing_hz`` (15e3 or 30e3)
 
-    Returns
-    -------
-    complex128 (15 fft_length per slot of 15 kHz,), not scaled: mean power is the sum over k of |a_k|^2.
-
-    Raises
-    ------
-    ValueError
-        If the grid is wider than the transform or holds no whole slots.
+    Returns complex128 (15 fft_length per slot of 15 kHz,), not scaled: mean power is the sum over k of |a_k|^2.
+    Raises `ValueError` if the grid is wider than the transform or holds no whole slots.
     """
     subcarriers, symbols = values.shape
     if subcarriers > fft_length:
@@ -104,24 +96,15 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
 class NrEmitter(NamedEmitter, NrConfig):
     """An NR downlink carrier behind the radar's receiver filter: emitter protocol.
 
-    Parameters
-    ----------
-    carrier_hz : offset of the NR carrier's centre from the radar's centre frequency
-    (all of `NrConfig`)
-
     A transmission has a uniform start and carrier phase in a cached signal of `frame_count` frames that repeats without
     a seam. Mean power over that signal is 1 after the filter.
-
-    Example
-    -------
-    >>> emitter = NrEmitter(channel_bandwidth_hz=10e6, carrier_hz=2e6, cell_id=17, modulation="256qam")
-    >>> window = emitter.samples(7500, 7.5e6, np.random.default_rng(1))
     """
 
     scene_name: ClassVar[str] = "nr"
     unit_power: ClassVar[bool] = True
 
     carrier_hz: float = 0.0
+    """Offset of the NR carrier's centre from the radar's centre frequency."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -139,8 +122,8 @@ class NrEmitter(NamedEmitter, NrConfig):
     def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
         """Draw a transmission: random start and phase, mean power 1 over its period.
 
-        Raises ValueError if the carrier lies outside the receiver's band or the rate is no small ratio of the
-        native rate and a multiple of 100 Hz.
+        Raises ValueError if the carrier lies outside the receiver's band or the rate is no small ratio of the native
+        rate and a multiple of 100 Hz.
         """
         signal, residual_hz = self.period(rate_hz)
         return repeated(signal, residual_hz / rate_hz, rng)
@@ -148,9 +131,9 @@ class NrEmitter(NamedEmitter, NrConfig):
     def period(self, rate_hz: float, amplifier: "Amplifier | None" = None) -> tuple[np.ndarray, float]:
         """One period of the received signal, for streaming: (frame_count * 10 ms * rate,) complex128, and Hz.
 
-        The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a
-        multiple of 100 Hz; the second value, within +-50 Hz, is the remaining shift. An ``amplifier`` acts on the
-        transmitted signal, at four times the carrier's rate or more. Raises as `begin`.
+        The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a multiple of
+        100 Hz; the second value, within +-50 Hz, is the remaining shift. An ``amplifier`` acts on the transmitted
+        signal, at four times the carrier's rate or more. Raises as `begin`.
         """
         return _received(self, float(rate_hz), amplifier)
 

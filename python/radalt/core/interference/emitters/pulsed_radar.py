@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import LARGEST, check_range
+from ...parsing import LARGEST, setting
 from ...waveform import exp_cycles
 from ..receiver_filter import decimate_window, oversampling, window_guard
 from ..transmission import Signal
@@ -23,16 +23,6 @@ from . import NamedEmitter, register
 class PulsedRadarEmitter(NamedEmitter):
     """A coherent pulsed radar: pulses with raised-cosine edges, plain or linear FM, behind the radar's filter.
 
-    Parameters
-    ----------
-    carrier_hz : its carrier relative to the radar's centre
-    prf_hz : pulse repetition frequency, > 0
-    pulse_width_s : between the half-amplitude points, > rise_time_s and below 1/prf_hz - rise_time_s
-    chirp_bandwidth_hz : linear FM swept within each pulse, upwards if > 0, downwards if < 0, 0 for none
-    rise_time_s : duration of each raised-cosine edge, > 0
-    always_in_window : draw the timing such that a pulse lies inside the window; False draws it uniformly, and many
-        short windows are then empty
-
     Raises
     ------
     ValueError
@@ -42,22 +32,26 @@ class PulsedRadarEmitter(NamedEmitter):
     scene_name: ClassVar[str] = "pulsed_radar"
     unit_power: ClassVar[bool] = True
 
-    carrier_hz: float = 0.0
-    prf_hz: float = 2e3
+    carrier_hz: float = setting(0.0, -LARGEST, LARGEST)
+    """Carrier relative to the radar's centre."""
+    prf_hz: float = setting(2e3, 1e-3, 1e9)
+    """Pulse repetition frequency."""
     pulse_width_s: float = 2e-6
-    chirp_bandwidth_hz: float = 0.0
-    rise_time_s: float = 50e-9
+    """Between the half-amplitude points, > rise_time_s and below 1/prf_hz - rise_time_s."""
+    chirp_bandwidth_hz: float = setting(0.0, -LARGEST, LARGEST)
+    """Linear FM swept within each pulse, upwards if > 0, downwards if < 0, 0 for none."""
+    rise_time_s: float = setting(50e-9, 1e-12, 1.0)
+    """Duration of each raised-cosine edge."""
     always_in_window: bool = True
+    """Draw the timing such that a pulse lies inside the window; False draws it uniformly, and many short windows are
+    then empty."""
 
     def __post_init__(self) -> None:
-        check_range("pulsed", self, prf_hz=(1e-3, 1e9), rise_time_s=(1e-12, 1.0))
-        check_range(
-            "pulsed", self, **dict.fromkeys(("carrier_hz", "chirp_bandwidth_hz"), (-LARGEST, LARGEST))
-        )
+        super().__post_init__()
         longest = 1.0 / self.prf_hz - self.rise_time_s
         if not self.rise_time_s < self.pulse_width_s < longest:
             raise ValueError(
-                f"pulsed.pulse_width_s is {self.pulse_width_s:g}; it has to lie between rise_time_s "
+                f"pulsed_radar.pulse_width_s is {self.pulse_width_s:g}; it has to lie between rise_time_s "
                 f"{self.rise_time_s:g} and {longest:g} (1/prf_hz - rise_time_s)"
             )
 

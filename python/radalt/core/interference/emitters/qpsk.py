@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import check_range
+from ...parsing import setting
 from ...waveform import exp_cycles
 from ..evm import check_evm, error_vectors, evm_fraction, evm_title
 from ..transmission import Signal, in_drawn_blocks
@@ -45,37 +45,27 @@ class QpskEmitter(NamedEmitter):
 
     Rectangular pulses are the paper's: symbols change on the sample grid, unfiltered. `QpskReceivedEmitter` adds the
     receiver's filter and a separate symbol clock.
-
-    Parameters
-    ----------
-    bandwidth_hz : float
-        Rectangular pulses: the symbol rate (noise-equivalent bandwidth; nulls at +/- this, side lobes fill the
-        band). Root-raised-cosine: the occupied bandwidth, symbol rate ``bandwidth_hz / (1 + rolloff)``.
-        Default 26.7 % of 7.5 MHz, the paper's over-the-air interferer.
-    carrier_hz : float
-        Carrier relative to the radar's centre.
-    pulse : str
-        ``"rectangular"`` (the paper) or ``"rrc"``.
-    rolloff : float
-        Root-raised-cosine roll-off, 0..1.
-    evm : float or str
-        Error vector magnitude: RMS of a complex normal error of every symbol over the symbols' RMS, 0..1; ``"typical"``
-        is 0.0875, half of what TS 38.104 allows base stations.
     """
 
     scene_name: ClassVar[str] = "qpsk"
 
-    bandwidth_hz: float = 0.267 * 7.5e6
+    bandwidth_hz: float = setting(0.267 * 7.5e6, 1e3, 1e9)
+    """Rectangular pulses: the symbol rate (noise-equivalent bandwidth; nulls at +/- this, side lobes fill the band).
+    Root-raised-cosine: the occupied bandwidth, symbol rate ``bandwidth_hz / (1 + rolloff)``. Default 26.7 % of 7.5
+    MHz, the paper's over-the-air interferer."""
     carrier_hz: float = 0.0
-    pulse: str = "rectangular"
-    rolloff: float = 0.25
+    """Carrier relative to the radar's centre."""
+    pulse: str = setting("rectangular", among=("rectangular", "rrc"))
+    """Pulse shape; the paper's is rectangular."""
+    rolloff: float = setting(0.25, 0.0, 1.0)
+    """Root-raised-cosine roll-off."""
     evm: float | str = 0.0
+    """Error vector magnitude: RMS of a complex normal error of every symbol over the symbols' RMS, 0..1;
+    ``"typical"`` is 0.0875, half of what TS 38.104 allows base stations."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_evm("qpsk", self.evm)
-        if self.pulse not in ("rectangular", "rrc"):
-            raise ValueError(f"qpsk.pulse is {self.pulse!r}; allowed: rectangular, rrc")
-        check_range("qpsk", self, rolloff=(0.0, 1.0), bandwidth_hz=(1e3, 1e9))
 
     @property
     def label(self) -> str:
@@ -147,8 +137,8 @@ class QpskEmitter(NamedEmitter):
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Write samples of power ``mean_power`` into ``span``, complex64 or complex128, faster than by `samples`.
 
-        True if written: ideal rectangular pulses without a carrier offset have constant modulus, so symbols are scaled
-        in place of samples. Otherwise nothing is drawn or written.
+        True if written: ideal rectangular pulses without a carrier offset have constant modulus, so symbols are
+        scaled in place of samples. Otherwise nothing is drawn or written.
         """
         rate = self.symbol_rate_hz / rate_hz
         if self.pulse != "rectangular" or self.carrier_hz or self.evm or rate > 1:

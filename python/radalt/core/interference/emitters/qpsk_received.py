@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import check_range
+from ...parsing import setting
 from ...waveform import exp_cycles
 from ..receiver_filter import decimate_window, window_guard
 from ..transmission import Signal
@@ -23,26 +23,17 @@ class QpskReceivedEmitter(QpskEmitter):
     """QPSK whose symbols begin between samples, through the receiver's filter: emitter protocol.
 
     `QpskEmitter` changes its rectangular symbols on the sample grid, as the paper does. Every sample is then one of
-    four points, which no receiver observes and a method could exploit. Here pulses are made at 16 times the rate, each
-    fine sample being the mean over its duration; then they are filtered and decimated. Root-raised-cosine pulses are
-    made at twice the rate, at the exact times.
-
-    Parameters
-    ----------
-    bandwidth_hz, carrier_hz, pulse, rolloff, evm
-        As in `QpskEmitter`. ``carrier_hz`` includes the carrier frequency offset of the oscillators.
-    clock_ppm : float
-        Symbol clock offset against the radar, -1000..1000; positive where the emitter's clock is faster.
+    four points, which no receiver observes and a method could exploit. Here pulses are made at 16 times the rate,
+    each fine sample being the mean over its duration; then they are filtered and decimated. Root-raised-cosine pulses
+    are made at twice the rate, at the exact times.
     """
 
     scene_name: ClassVar[str] = "qpsk_received"
 
     carrier_hz: float = 1_200.0
-    clock_ppm: float = 2.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_range("qpsk", self, clock_ppm=(-1000.0, 1000.0))
+    """Carrier relative to the radar's centre, the carrier frequency offset of the oscillators included."""
+    clock_ppm: float = setting(2.0, -1000.0, 1000.0)
+    """Symbol clock offset against the radar; positive where the emitter's clock is faster."""
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""

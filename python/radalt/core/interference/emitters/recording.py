@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...parsing import LARGEST, InputError, check_file, check_range, shown
+from ...parsing import LARGEST, InputError, check_file, setting, shown
 from ...raw_file import RawFile, open_raw
 from ...sigmf_file import SigmfFile, open_sigmf
 from ..own_noise import MOST_DB, prefix_snr_db
@@ -30,21 +30,6 @@ _FOLDED = 1e-7
 class RecordingEmitter(NamedEmitter):
     """Samples of a file behind the radar's receiver filter: emitter protocol, mean power 1.
 
-    Parameters
-    ----------
-    file : str
-        A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
-        ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``.
-    offset_hz : float
-        Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
-        over ``seconds``.
-    start_s, seconds : float
-        Part of the file in use, at most 1 s. It repeats.
-    rate_hz : float or None
-        Sample rate; SigMF and WAV state theirs.
-    datatype : str
-        Format of raw samples as in SigMF: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``.
-
     Raises
     ------
     ValueError
@@ -53,25 +38,32 @@ class RecordingEmitter(NamedEmitter):
     Notes
     -----
     A recording contains the noise of its receiver, which demodulation cannot remove. An estimate of it becomes a note
-    of the report, next to licence, author and description from the metadata. The file is opened when samples are first
-    needed.
+    of the report, next to licence, author and description from the metadata. The file is opened when samples are
+    first needed.
     """
 
     scene_name: ClassVar[str] = "recording"
     unit_power: ClassVar[bool] = True
 
     file: str = ""
-    offset_hz: float = 0.0
-    start_s: float = 0.0
-    seconds: float = 0.1
-    rate_hz: float | None = None
+    """A ``.sigmf-meta`` or archive of one complex channel; NumPy's ``.npy``, complex or real of shape (n, 2), with
+    ``rate_hz``; a WAV of two channels, I and Q; or raw samples, with ``rate_hz`` and ``datatype``."""
+    offset_hz: float = setting(0.0, -LARGEST, LARGEST)
+    """Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
+    over ``seconds``."""
+    start_s: float = setting(0.0, 0.0, LARGEST)
+    """Start of the part of the file in use."""
+    seconds: float = setting(0.1, 1e-4, _MOST_S)
+    """Length of that part, which repeats."""
+    rate_hz: float | None = setting(None, *_RATES_HZ)
+    """Sample rate; SigMF and WAV state theirs."""
     datatype: str = ""
+    """Format of raw samples as in SigMF: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.file:
             raise ValueError("recording.file is missing; name a .sigmf-meta file, or raw samples")
-        check_range("recording", self, start_s=(0.0, LARGEST), seconds=(1e-4, _MOST_S), rate_hz=_RATES_HZ)
-        check_range("recording", self, offset_hz=(-LARGEST, LARGEST))
 
     @property
     def label(self) -> str:
@@ -121,6 +113,8 @@ def _open(emitter: RecordingEmitter) -> SigmfFile | RawFile:
         bare = not (emitter.datatype or emitter.rate_hz)
         if bare and (".sigmf" in path.name or path.with_suffix(".sigmf-meta").is_file()):
             return open_sigmf(path)
+        if ".sigmf" in path.name and not path.name.endswith("-data"):
+            raise InputError(f"{path}: SigMF states rate and type; leave out rate_hz and datatype")
         return open_raw(path, emitter.datatype, emitter.rate_hz)
     except InputError as error:
         raise ValueError(f"recording.file: {error}") from None
@@ -143,8 +137,8 @@ def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
             f"{recording.sample_count / source_hz:g} s; start earlier"
         )
     samples = recording.read(first, count).astype(np.complex128)
-    if not np.isfinite(samples.view(np.float64)).all():
-        raise ValueError(f"recording.file {emitter.file} holds samples that are not finite; start elsewhere")
+    if not (np.isfinite(samples.view(np.float64)).all() and samples.any()):
+        raise ValueError(f"recording.file {emitter.file} is not finite, or zeros alone; start elsewhere")
     # oversample so that the shifted signal does not alias
     up = int(np.ceil((2 * abs(emitter.offset_hz) + source_hz) / source_hz))
     if up > _MOST_UP:

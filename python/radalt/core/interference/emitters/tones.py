@@ -13,24 +13,17 @@ from . import NamedEmitter, register
 @register
 @dataclass(frozen=True)
 class ToneEmitter(NamedEmitter):
-    """Sum of K unmodulated carriers of equal power and random phase.
-
-    Parameters
-    ----------
-    count : int
-        Number of tones ``K``, 1..256, drawn uniformly over ``span_hz`` unless ``frequencies_hz`` is given.
-    frequencies_hz : tuple of float
-        Fixed frequencies relative to the radar's centre, in hertz.
-    span_hz : float
-        Width of the band in which frequencies are drawn; 0 stands for the sample rate.
-    """
+    """Sum of K unmodulated carriers of equal power and random phase."""
 
     scene_name: ClassVar[str] = "tones"
     unit_power: ClassVar[bool] = True
 
     count: int = 1
+    """Number of tones ``K``, 1..256, drawn uniformly over ``span_hz`` unless ``frequencies_hz`` is given."""
     frequencies_hz: tuple[float, ...] = ()
+    """Fixed frequencies relative to the radar's centre, in hertz."""
     span_hz: float = 0.0
+    """Width of the band in which frequencies are drawn; 0 stands for the sample rate."""
 
     def __post_init__(self) -> None:
         number = len(self.frequencies_hz) or self.count

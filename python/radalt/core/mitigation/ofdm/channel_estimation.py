@@ -52,27 +52,13 @@ def fourth_powers(elements: np.ndarray, level: np.ndarray, trust: np.ndarray) ->
 
 @dataclass(frozen=True)
 class ChannelStart:
-    """What the iterative receiver begins with.
+    """What the iterative receiver begins with."""
 
-    Attributes
-    ----------
-    channel : (1, K) or (L, K) complex64
-        Up to a quarter turn per subcarrier.
-    used : (K,) bool
-        Subcarriers in use.
-    phase : (L, 1) complex64
-        Factors that bring all symbols to one phase.
-    model : str
-        Of the channel: "static", "moving" or "tile".
-    noise : (L, K) float32 or None
-        Unknown if None.
-    """
-
-    channel: np.ndarray
-    used: np.ndarray
-    phase: np.ndarray
-    model: str
-    noise: np.ndarray | None = None
+    channel: np.ndarray  # (1, K) or (L, K) complex64, up to a quarter turn per subcarrier
+    used: np.ndarray  # (K,) bool: subcarriers in use
+    phase: np.ndarray  # (L, 1) complex64 factors that bring all symbols to one phase
+    model: str  # of the channel: "static", "moving" or "tile"
+    noise: np.ndarray | None = None  # (L, K) float32; unknown if None
 
 
 def blind_channel(grid: ElementGrid, free: np.ndarray, model: str, settings: OfdmSettings) -> ChannelStart:

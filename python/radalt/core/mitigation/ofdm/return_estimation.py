@@ -12,20 +12,11 @@ from .settings import OfdmSettings
 
 @dataclass(frozen=True)
 class ReturnEstimate:
-    """A return as one tone per half sweep, at beats that one return at an allowed speed can have.
+    """A return as one tone per half sweep, at beats that one return at an allowed speed can have."""
 
-    Attributes
-    ----------
-    samples : (N,) complex64
-    ratios : (2,) float32
-        Power of each half's tone over the mean power of noise in a cell there.
-    cells : (2,) int
-        Each half's beat in the twice zero-padded spectrum.
-    """
-
-    samples: np.ndarray
-    ratios: np.ndarray
-    cells: np.ndarray
+    samples: np.ndarray  # (N,) complex64
+    ratios: np.ndarray  # (2,) float32: each half's tone over the mean power of noise in a cell there
+    cells: np.ndarray  # (2,) int: each half's beat in the twice zero-padded spectrum
 
 
 @dataclass(frozen=True)

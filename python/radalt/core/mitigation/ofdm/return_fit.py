@@ -18,7 +18,7 @@ from .soft_demapper import SoftSymbols
 
 _CONTROL = np.array([0.25, 0.5, 0.25], np.float32)  # silence, QPSK, QPSK 3 dB up: of control elements
 _OUTLIER = np.float32(1e-4)  # density of an element that is none of the points
-_RESIDUE = np.float32(0.02)  # of a return's power: it is no exact tone
+RESIDUE = np.float32(0.02)  # of a return's power: it is no exact tone
 _RARE = 1e-3  # share of a class that no element has to be compared with
 _LOADING = np.float32(1e-3)  # a half sweep may have few elements
 _KEPT, _ROUNDS = 2, 3  # candidates that are fitted, and how often
@@ -102,9 +102,7 @@ class MaskedPoints:
         factor = np.ones((len(own), half.size), np.complex64)
         for again in range(rounds + 1):
             z = self.z - own * factor[:, self.row]
-            nats, decided = self._posterior(
-                z, self.noise + (doubt * np.float32(0.5**again) + _RESIDUE) * size
-            )
+            nats, decided = self._posterior(z, self.noise + (doubt * np.float32(0.5**again) + RESIDUE) * size)
             if again < rounds:
                 agreement = (((self.z - decided) * own.conj()) @ weighted).reshape(-1, 2, 3)[..., :2]
                 terms = np.linalg.solve(gram, agreement[..., None])[..., 0][:, half]

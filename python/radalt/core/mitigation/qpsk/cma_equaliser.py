@@ -16,30 +16,14 @@ _UPSAMPLING = 4  # points per sample, between which samples are interpolated lin
 
 @dataclass(frozen=True)
 class Symbols:
-    """Decided symbols of a frame.
+    """Decided symbols of a frame."""
 
-    Attributes
-    ----------
-    times : (K,) float
-        In samples of the frame.
-    values : (K,) complex64
-        Unit points with the carrier's phase, 0 where nothing was sent.
-    decisions : (K,) complex64
-        The points without the carrier: one of four.
-    evm_squared : float
-        Mean squared distance from the points, of their power, where something was sent.
-    active_share : float
-        Share of the frame's symbols in which something was sent.
-    weights : (taps,) complex64
-        Of the equaliser.
-    """
-
-    times: np.ndarray
-    values: np.ndarray
-    decisions: np.ndarray
-    evm_squared: float
-    active_share: float
-    weights: np.ndarray
+    times: np.ndarray  # (K,) float: in samples of the frame
+    values: np.ndarray  # (K,) complex64: unit points with the carrier's phase, 0 where nothing was sent
+    decisions: np.ndarray  # (K,) complex64: the points without the carrier: one of four
+    evm_squared: float  # mean squared distance from the points, of their power, where something was sent
+    active_share: float  # share of the frame's symbols in which something was sent
+    weights: np.ndarray  # (taps,) complex64: of the equaliser
 
 
 def tap_spacing(rate: float, s: QpskSettings) -> int:
@@ -48,14 +32,7 @@ def tap_spacing(rate: float, s: QpskSettings) -> int:
 
 
 class CmaEqualiser:
-    """Least squares between the samples around each symbol and what the symbols should be.
-
-    Parameters
-    ----------
-    frame : (n,) complex64
-    timing : SymbolTiming
-    s : QpskSettings
-    """
+    """Least squares between the samples around each symbol and what the symbols should be. ``frame`` (n,) complex64."""
 
     def __init__(self, frame: np.ndarray, timing: SymbolTiming, s: QpskSettings) -> None:
         self._s = s
@@ -98,8 +75,8 @@ class CmaEqualiser:
     def _constant_modulus(self) -> np.ndarray:
         """(taps,) weights that give the outputs one modulus, from the single tap whose output varies least in modulus.
 
-        The target of each output is its own phase, again and again (B. G. Agee, "The least-squares CMA", ICASSP 1986),
-        so neither carrier nor pulse has to be known.
+        The target of each output is its own phase, again and again (B. G. Agee, "The least-squares CMA", ICASSP
+        1986), so neither carrier nor pulse has to be known.
         """
         middle, half_symbol = self._s.taps // 2, round(self._s.taps_per_symbol / 2)
         columns = self._training_rows[:, middle - half_symbol : middle + half_symbol + 1].T.copy()

@@ -13,12 +13,8 @@ _SEGMENT = 500
 class OverlapSave:
     """Segments of a frame that overlap by a filter.
 
-    Parameters
-    ----------
-    count : int
-        Samples of the frame.
-    length : int
-        Samples of a filter, even. Its middle one, number ``length / 2``, delays nothing.
+    ``count``: samples of the frame; ``length``: samples of a filter, even. Its middle one, number ``length / 2``,
+    delays nothing.
     """
 
     def __init__(self, count: int, length: int) -> None:

@@ -15,20 +15,9 @@ from .settings import QpskSettings
 class SymbolTrain(OverlapSave):
     """Impulses at the symbols' times, to be filtered by a pulse.
 
-    Parameters
-    ----------
-    times : (K,) float
-        In samples of the frame.
-    values : (K,) complex64
-    count, length : int
-        Samples of the frame, and of a pulse.
-
-    Attributes
-    ----------
-    known : slice
-        Samples in which all symbols are known.
-    middle, half : float
-        Of the ramp that rises from -1 to 1 over the symbols, in samples.
+    ``times`` (K,) float: in samples of the frame; ``values`` (K,) complex64; ``count``, ``length``: samples of the
+    frame, and of a pulse. ``known``: samples in which all symbols are known; ``middle``, ``half``: of the ramp that
+    rises from -1 to 1 over the symbols, in samples.
     """
 
     def __init__(self, times: np.ndarray, values: np.ndarray, count: int, length: int) -> None:
@@ -87,8 +76,8 @@ def estimate_pulse(
 ) -> tuple[np.ndarray, SymbolTrain, np.ndarray]:
     """(n,) complex64, the part of a frame that the symbols explain; their train, and the (2, length) pulses.
 
-    The model is ``sum_k b_k (g_0 + u g_1)(n - t_k)``, where u rises from -1 to 1 over the frame: a carrier, a clock or
-    a path that drifts changes the pulse in proportion to time, for as long as the change is small. Both pulses are
+    The model is ``sum_k b_k (g_0 + u g_1)(n - t_k)``, where u rises from -1 to 1 over the frame: a carrier, a clock
+    or a path that drifts changes the pulse in proportion to time, for as long as the change is small. Both pulses are
     fitted in turns, with the Toeplitz matrix of a long frame, to what is left of the frame.
     """
     count = frame.size

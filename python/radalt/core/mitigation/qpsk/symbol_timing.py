@@ -12,18 +12,11 @@ from .settings import QpskSettings
 
 @dataclass(frozen=True)
 class SymbolTiming:
-    """The line that symbols leave in the product of neighbouring samples.
+    """The line that symbols leave in the product of neighbouring samples."""
 
-    Attributes
-    ----------
-    rate : float
-        Symbols per sample.
-    instant : float
-        Sample at which the line peaks, near the middle of the frame; symbols lie at a fixed distance from it.
-    """
-
-    rate: float
+    rate: float  # symbols per sample
     instant: float
+    """Sample at which the line peaks, near the middle of the frame; symbols lie at a fixed distance from it."""
 
 
 @lru_cache(maxsize=4)

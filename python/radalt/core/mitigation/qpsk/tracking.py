@@ -27,22 +27,8 @@ class Tracker:
     that takes away more than noise explains. The symbols are random, so their Toeplitz matrix is nearly the unit
     matrix. Where the times do not fit, they are taken from the timing line at the known rate.
 
-    Parameters
-    ----------
-    timing : SymbolTiming
-    symbols : Symbols
-        Of the frame in which the emitter was acquired.
-    pulses : (2, length)
-        Of `estimate_pulse`, as ``train``.
-    train : SymbolTrain
-    residual : (n,) complex64
-        What is left of that frame.
-    s : QpskSettings
-
-    Attributes
-    ----------
-    evm_squared : float
-        Of the last frame.
+    ``symbols``: of the frame in which the emitter was acquired; ``pulses`` (2, length): of `estimate_pulse`, as
+    ``train``; ``residual`` (n,) complex64: what is left of that frame. ``evm_squared``: of the last frame.
     """
 
     def __init__(
@@ -172,8 +158,8 @@ class Tracker:
         """Move the tracked pulse from ``before`` by ``share`` of its difference to a frame's (2, length) ``pulses``;
         returns the delay of its symbols in samples.
 
-        A delay is no change of the pulse but of the symbols' times. A pulse whose delay drifts over the frame corrects
-        the symbol period; the carrier is estimated anew in each frame.
+        A delay is no change of the pulse but of the symbols' times. A pulse whose delay drifts over the frame
+        corrects the symbol period; the carrier is estimated anew in each frame.
         """
         delayed = fft.ifft(
             fft.fft(before) * (-2j * np.pi * fft.fftfreq(before.size))

@@ -15,8 +15,8 @@ _FAR = 5.0  # times the median distance of a fourth power from their mean
 def cancel_zero_order_hold(frame: np.ndarray, s: QpskSettings) -> tuple[np.ndarray, np.ndarray, float] | None:
     """(n,) complex64, the part of a frame that such QPSK explains, (n,) bool, where it is sent, and its EVM squared.
 
-    None where there is none. Between two samples the phase steps by quarter turns and the carrier, so fourth powers of
-    the products of neighbours are alike. A filter leaves steps of other sizes where symbols change.
+    None where there is none. Between two samples the phase steps by quarter turns and the carrier, so fourth powers
+    of the products of neighbours are alike. A filter leaves steps of other sizes where symbols change.
     """
     steps = frame[1::_STRIDE] * frame[:-1:_STRIDE].conj()
     steps = steps[_loud(np.abs(steps), s.burst_power)]

@@ -13,23 +13,14 @@ _MOST_BYTES = 16 << 20  # largest pattern file, bytes: a sphere in steps of half
 
 @dataclass(frozen=True)
 class GaussianAntenna:
-    """Beam whose gain in decibels falls with the square of the angle: ``G = G0 - 12 (theta / beamwidth)^2``
-    dB.
-
-    Parameters
-    ----------
-    beamwidth_deg : float
-        Full width between the -3 dB points, 0.01..120. Rec. ITU-R M.2059 gives 40..60 degrees.
-    gain_dbi : float
-        Peak one-way gain.
-    two_way : bool
-        False: the width is that of one antenna (one-way), so transmit and receive together are 3 dB down at
-        ``beamwidth / (2 sqrt 2)`` off boresight. True: the width is that of both together.
-    """
+    """Beam whose gain in decibels falls with the square of the angle: ``G = G0 - 12 (theta / beamwidth)^2`` dB."""
 
     beamwidth_deg: float = 40.0
-    gain_dbi: float = 10.0
+    """Full width between the -3 dB points, 0.01..120. Rec. ITU-R M.2059 gives 40..60 degrees."""
+    gain_dbi: float = 10.0  # peak one-way gain
     two_way: bool = False
+    """False: the width is that of one antenna (one-way), so transmit and receive together are 3 dB down at
+    ``beamwidth / (2 sqrt 2)`` off boresight. True: the width is that of both together."""
 
     def __post_init__(self) -> None:
         check_range("antenna", self, beamwidth_deg=(0.01, 120.0), gain_dbi=(-20.0, 40.0))
@@ -52,33 +43,22 @@ class GaussianAntenna:
 
 @dataclass(frozen=True)
 class TabulatedAntenna:
-    """Pattern from a table, linear in decibels between its points, held constant beyond the last angle.
+    """Pattern from a table, linear in decibels between its points, held constant beyond the last angle."""
 
-    Parameters
-    ----------
-    angle_deg : (n,) float array
-        Angles off boresight, increasing from 0.
-    gain_dbi : (n, m) float array
-        One-way gain by angle and azimuth.
-    azimuth_deg : (m,) float array
-        Azimuths from the nose to the right wing, increasing within 0..360; a single one means symmetric.
-    """
-
-    angle_deg: np.ndarray
-    gain_dbi: np.ndarray
+    angle_deg: np.ndarray  # (n,) float: angles off boresight, increasing from 0
+    gain_dbi: np.ndarray  # (n, m) float: one-way gain by angle and azimuth
     azimuth_deg: np.ndarray
+    """(m,) float: azimuths from the nose to the right wing, increasing within 0..360; a single one means
+    symmetric."""
 
     @classmethod
     def load(cls, path: Path | str) -> "TabulatedAntenna":
         """Read a CSV file with columns ``angle_deg,gain_dbi`` or ``angle_deg,azimuth_deg,gain_dbi``.
 
-        ``elevation_deg``, up from the horizon, may stand for ``angle_deg``, which then counts from the zenith.
-        Lines beginning with ``#`` are comments. With azimuths, every angle needs every azimuth.
+        ``elevation_deg``, up from the horizon, may stand for ``angle_deg``, which then counts from the zenith. Lines
+        beginning with ``#`` are comments. With azimuths, every angle needs every azimuth.
 
-        Raises
-        ------
-        ValueError
-            If the file, a column, a number or a point of the grid is missing.
+        Raises `ValueError` if the file, a column, a number or a point of the grid is missing.
         """
         path = Path(path)
         rows, names = read_csv(path, most_bytes=_MOST_BYTES, what="antenna file")

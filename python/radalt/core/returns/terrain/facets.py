@@ -24,51 +24,26 @@ _SQUARE_AT_DEG = 42.0
 
 @dataclass(frozen=True)
 class Facets:
-    """Facets seen from one aircraft state; all arrays (n,).
+    """Facets seen from one aircraft state; all arrays (n,)."""
 
-    Parameters
-    ----------
-    range_m : array
-        Slant range at the instant of the state.
-    range_rate_m_per_s : array
-        Its rate, positive receding.
-    incidence_rad : array
-        Angle between the line of sight and the facet's normal; beyond pi/2 the facet faces away.
-    direction : (n, 3) array
-        Unit vectors from the aircraft, in its local east, north, up.
-    area_m2 : array
-        Surface area of the facet, on its slope.
-    reflectivity : complex array
-        Unit-variance complex Gaussian scattering amplitude, fixed to the ground.
-    height_m : float
-        Height of the antenna above the terrain vertically below it.
-    """
-
-    range_m: np.ndarray
-    range_rate_m_per_s: np.ndarray
+    range_m: np.ndarray  # slant range at the instant of the state
+    range_rate_m_per_s: np.ndarray  # its rate, positive receding
     incidence_rad: np.ndarray
-    direction: np.ndarray
-    area_m2: np.ndarray
-    reflectivity: np.ndarray
-    height_m: float
+    """Angle between the line of sight and the facet's normal; beyond pi/2 the facet faces away."""
+    direction: np.ndarray  # (n, 3): unit vectors from the aircraft, in its local east, north, up
+    area_m2: np.ndarray  # surface area of the facet, on its slope
+    reflectivity: np.ndarray  # unit-variance complex Gaussian scattering amplitude, fixed to the ground
+    height_m: float  # height of the antenna above the terrain vertically below it
 
 
 @dataclass(frozen=True)
 class GroundGrid:
-    """The earth-fixed cells.
+    """The earth-fixed cells."""
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the scatterers' positions and amplitudes, 0 <= seed < 2^63.
-    cells_per_radius : int
-        Cell size is the power of two (metres) that puts between this many and twice as many cells into the
-        radius of the footprint. The size steps with height, and with it the speckle is drawn anew at each
-        octave.
-    """
-
-    seed: int = 1
+    seed: int = 1  # seed of the scatterers' positions and amplitudes, 0 <= seed < 2^63
     cells_per_radius: int = 16
+    """Cell size is the power of two (metres) that puts between this many and twice as many cells into the radius of
+    the footprint. The size steps with height, and with it the speckle is drawn anew at each octave."""
 
     def __post_init__(self) -> None:
         check_range("ground", self, seed=(0, 2**63 - 1), cells_per_radius=(4, 256))
@@ -78,23 +53,14 @@ class GroundGrid:
     ) -> Facets:
         """Facets within an angle off nadir.
 
-        Parameters
-        ----------
-        state : AircraftState
-            Where the antenna is.
-        terrain : TerrainModel
-            Heights below it.
-        off_nadir_rad : float
-            Half angle of the cone around nadir that is sampled, below 80 degrees.
-        beam_rad : float, optional
-            Half angle that sets the cell size; default ``off_nadir_rad``. Given apart, so that the size does
-            not change with the attitude of the aircraft.
+        - ``state``: where the antenna is
+        - ``terrain``: heights below it
+        - ``off_nadir_rad``: half angle of the cone around nadir that is sampled, below 80 degrees
+        - ``beam_rad``: half angle that sets the cell size; default ``off_nadir_rad``. Given apart, so that the size
+          does not change with the attitude of the aircraft.
 
-        Raises
-        ------
-        TerrainError
-            If the aircraft is below ground or lower than `MIN_HEIGHT_M`, or terrain is missing in the
-            footprint.
+        Raises `TerrainError` if the aircraft is below ground or lower than `MIN_HEIGHT_M`, or terrain is missing in
+        the footprint.
         """
         ground_m = float(terrain.height_m(state.latitude_deg, state.longitude_deg))
         height = state.altitude_m - ground_m

@@ -16,14 +16,8 @@ def geodetic_to_ecef(
 ) -> np.ndarray:
     """ECEF position of geodetic points.
 
-    Parameters
-    ----------
-    latitude_deg, longitude_deg, height_m : broadcastable arrays
-        Geodetic latitude (-90..90), longitude, and height above the ellipsoid.
-
-    Returns
-    -------
-    (..., 3) float64 array, metres.
+    ``latitude_deg``, ``longitude_deg``, ``height_m``: geodetic latitude (-90..90), longitude, and height above the
+    ellipsoid. Returns (..., 3) float64.
     """
     lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
@@ -50,8 +44,7 @@ def enu_axes(latitude_deg: float, longitude_deg: float) -> np.ndarray:
 def curvature_radii_m(latitude_deg: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     """Meridian radius ``M`` and prime-vertical radius ``N`` in metres at a latitude.
 
-    A step of ``dlat`` radians is ``(M + h) dlat`` metres north, of ``dlon`` radians ``(N + h) cos(lat) dlon``
-    east.
+    A step of ``dlat`` radians is ``(M + h) dlat`` metres north, of ``dlon`` radians ``(N + h) cos(lat) dlon`` east.
     """
     sin2 = np.sin(np.radians(latitude_deg)) ** 2
     root = np.sqrt(1.0 - ECCENTRICITY_SQUARED * sin2)

@@ -15,9 +15,9 @@ from scipy.constants import speed_of_light
 class ConstantGamma:
     """``sigma0 = gamma sin(grazing) = gamma cos(incidence)``.
 
-    The plateau model (M. W. Long, *Radar Reflectivity of Land and Sea*, 3rd ed., 2001); it has no nadir peak.
-    Values by land type are the usual X-band figures (10 GHz), lowered by ``5 log10(10 GHz / f)`` dB after
-    D. K. Barton, *Radar Equations for Modern Radar* (2013), ch. 9. They were not checked against the print.
+    The plateau model (M. W. Long, *Radar Reflectivity of Land and Sea*, 3rd ed., 2001); it has no nadir peak. Values
+    by land type are the usual X-band figures (10 GHz), lowered by ``5 log10(10 GHz / f)`` dB after D. K. Barton,
+    *Radar Equations for Modern Radar* (2013), ch. 9. They were not checked against the print.
     """
 
     gamma_db: float = -5.0
@@ -31,13 +31,12 @@ class ConstantGamma:
 
 @dataclass(frozen=True)
 class UlabyDobson:
-    """``sigma0 = P1 + P2 exp(-P3 theta) + P4 cos(P5 theta + P6)`` in decibels, ``theta`` incidence in
-    radians.
+    """``sigma0 = P1 + P2 exp(-P3 theta) + P4 cos(P5 theta + P6)`` in decibels, ``theta`` incidence in radians.
 
-    F. T. Ulaby and M. C. Dobson, *Handbook of Radar Scattering Statistics for Terrain* (1989), fit to
-    measured means; the land types below are its C-band (4-8 GHz) tables, horizontal polarisation. The
-    coefficients were transcribed from a secondary source, not from the print; a test holds them to a physical
-    check (at nadir both polarisations must agree, since there is no plane of incidence).
+    F. T. Ulaby and M. C. Dobson, *Handbook of Radar Scattering Statistics for Terrain* (1989), fit to measured means;
+    the land types below are its C-band (4-8 GHz) tables, horizontal polarisation. The coefficients were transcribed
+    from a secondary source, not from the print; a test holds them to a physical check (at nadir both polarisations
+    must agree, since there is no plane of incidence).
     """
 
     p: tuple[float, float, float, float, float, float] = (-24.855, 26.351, 1.146, 0.204, 0.0, 0.0)
@@ -56,13 +55,12 @@ class Morchin:
     """Diffuse plateau plus a specular term around normal incidence.
 
     ``sigma0 = a s sin(psi) / lambda + u cot^2(beta0) exp(-tan^2(b - psi) / tan^2(beta0))`` with grazing angle
-    ``psi``, ``u = sqrt(f_GHz) / 4.7``, and ``s = (psi / psi_c)^4`` below the critical angle
-    ``psi_c = asin(lambda / (4 pi 9.3 beta0^2.2))`` where the land type asks for it (desert), else 1
-    (W. C. Morchin, *Airborne Early Warning Radar*, 1990, ch. 2). ``lambda`` in metres. The coefficients of
-    desert, farmland, wooded hills and mountains are those commonly quoted from the book, not checked against
-    the print. ``urban_low_relief`` is **this project's assumption**: the plateau of built-up land (that of
-    mountains) with the specular slope of farmland, +10.5 dB at nadir (4.3 GHz); no measured urban value at
-    nadir was found, so sweep ``level_db``.
+    ``psi``, ``u = sqrt(f_GHz) / 4.7``, and ``s = (psi / psi_c)^4`` below the critical angle ``psi_c = asin(lambda /
+    (4 pi 9.3 beta0^2.2))`` where the land type asks for it (desert), else 1 (W. C. Morchin, *Airborne Early Warning
+    Radar*, 1990, ch. 2). ``lambda`` in metres. The coefficients of desert, farmland, wooded hills and mountains are
+    those commonly quoted from the book, not checked against the print. ``urban_low_relief`` is **this project's
+    assumption**: the plateau of built-up land (that of mountains) with the specular slope of farmland, +10.5 dB at
+    nadir (4.3 GHz); no measured urban value at nadir was found, so sweep ``level_db``.
     """
 
     a: float = 0.04
@@ -119,20 +117,9 @@ LAND_TYPES: dict[str, dict[str, Reflectivity]] = {
 def reflectivity(model: str = "morchin", land: str = "urban_low_relief", **settings: float) -> Reflectivity:
     """A reflectivity model by name and land type.
 
-    Parameters
-    ----------
-    model : str
-        ``"constant_gamma"``, ``"ulaby_dobson"`` or ``"morchin"``.
-    land : str
-        A key of ``LAND_TYPES[model]``.
-    **settings
-        Coefficients to override, named as the fields of the model (``level_db``, ``gamma_db``, ``beta0_rad``,
-        ...).
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown; lists what is allowed.
+    ``model``: ``"constant_gamma"``, ``"ulaby_dobson"`` or ``"morchin"``; ``land``: a key of ``LAND_TYPES[model]``;
+    ``**settings``: coefficients to override, named as the fields of the model (``level_db``, ``gamma_db``,
+    ``beta0_rad``, ...). Raises `ValueError` if a name is unknown; lists what is allowed.
 
     Examples
     --------

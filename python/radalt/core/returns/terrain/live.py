@@ -16,21 +16,12 @@ class LandingProfile:
     With fewer frames than the flight has sweeps it is a time lapse: each frame is exact in itself (delay, Doppler,
     speckle), and frames that are more than ``sweep_s`` of flight apart are not coherent with each other.
 
-    Parameters
-    ----------
-    radar : TerrainReturn
-        Antenna, ground and link over terrain.
-    flight : Trajectory
-        The aircraft.
-    frames : int
-        Frames from ``start_s`` to ``end_s``, at least 2.
-    start_s, end_s : float
-        Instants of the middle of the first and the last frame.
+    ``start_s``, ``end_s``: instants of the middle of the first and the last frame.
     """
 
-    radar: TerrainReturn
-    flight: Trajectory
-    frames: int
+    radar: TerrainReturn  # antenna, ground and link over terrain
+    flight: Trajectory  # the aircraft
+    frames: int  # frames from ``start_s`` to ``end_s``, at least 2
     start_s: float
     end_s: float
 

@@ -20,33 +20,15 @@ _MAX_OFF_NADIR_DEG = 60.0
 
 @dataclass(frozen=True)
 class GroundReturn:
-    """One frame of the return, and its truth.
+    """One frame of the return, and its truth."""
 
-    Parameters
-    ----------
-    frame : (N,) complex128 array
-        Received signal in square-root watts, without noise.
-    time_s : float
-        Instant of the frame's middle, to which every truth belongs.
-    height_m : float
-        Height of the antenna above the terrain vertically below it.
-    nearest_m : float
-        Range of the nearest visible facet; below ``height_m`` over sloping ground.
-    climb_m_per_s : float
-        Rate of ``height_m``: vertical speed less the terrain's rise along the track.
-    power_w : float
-        Expected received power, the mean over speckle.
-    noise_w : float
-        Thermal noise in the sample rate.
-    """
-
-    frame: np.ndarray
-    time_s: float
-    height_m: float
-    nearest_m: float
-    climb_m_per_s: float
-    power_w: float
-    noise_w: float
+    frame: np.ndarray  # (N,) complex128: received signal in square-root watts, without noise
+    time_s: float  # instant of the frame's middle, to which every truth belongs
+    height_m: float  # height of the antenna above the terrain vertically below it
+    nearest_m: float  # range of the nearest visible facet; below ``height_m`` over sloping ground
+    climb_m_per_s: float  # rate of ``height_m``: vertical speed less the terrain's rise along the track
+    power_w: float  # expected received power, the mean over speckle
+    noise_w: float  # thermal noise in the sample rate
 
     @property
     def snr_db(self) -> float:
@@ -58,25 +40,6 @@ class GroundReturn:
 class TerrainReturn:
     """Terrain return of one radar over one terrain: constructed once, called once per frame.
 
-    Parameters
-    ----------
-    terrain : TerrainModel
-        `Terrain` of DTED cells, or `FlatTerrain`.
-    waveform : Waveform
-        The sweep; its ``carrier_hz`` sets wavelength and Doppler.
-    antenna : Antenna
-        One pattern for both directions.
-    ground : Reflectivity
-        sigma0 by incidence.
-    link : RadarLink
-        Powers and losses.
-    grid : GroundGrid
-        Earth-fixed scatterers and their seed.
-    footprint_db : float
-        Facets are sampled out to the angle at which the two-way gain is this far below its peak.
-    tilt_deg : float
-        Boresight tilt towards the nose, to level an antenna on a nose-up aircraft.
-
     Examples
     --------
     >>> from radalt.core.returns.terrain import FlatTerrain
@@ -86,14 +49,17 @@ class TerrainReturn:
     ((7500,), 100.0)
     """
 
-    terrain: TerrainModel
-    waveform: Waveform = field(default_factory=Waveform)
-    antenna: Antenna = field(default_factory=GaussianAntenna)
-    ground: Reflectivity = field(default_factory=reflectivity)
-    link: RadarLink = field(default_factory=RadarLink)
-    grid: GroundGrid = field(default_factory=GroundGrid)
+    terrain: TerrainModel  # `Terrain` of DTED cells, or `FlatTerrain`
+    waveform: Waveform = field(
+        default_factory=Waveform
+    )  # the sweep; its ``carrier_hz`` sets wavelength and Doppler
+    antenna: Antenna = field(default_factory=GaussianAntenna)  # one pattern for both directions
+    ground: Reflectivity = field(default_factory=reflectivity)  # sigma0 by incidence
+    link: RadarLink = field(default_factory=RadarLink)  # powers and losses
+    grid: GroundGrid = field(default_factory=GroundGrid)  # earth-fixed scatterers and their seed
     footprint_db: float = 30.0
-    tilt_deg: float = 0.0
+    """Facets are sampled out to the angle at which the two-way gain is this far below its peak."""
+    tilt_deg: float = 0.0  # boresight tilt towards the nose, to level an antenna on a nose-up aircraft
 
     def facets(self, state: AircraftState) -> tuple[Facets, np.ndarray]:
         """Facets under a state and the (n,) expected power in watts of each.
@@ -118,17 +84,8 @@ class TerrainReturn:
     def __call__(self, state: AircraftState, *, frame_index: int = 0) -> GroundReturn:
         """Frame whose middle falls on the state's instant.
 
-        Parameters
-        ----------
-        state : AircraftState
-            Position, velocity, attitude.
-        frame_index : int
-            Sweep number, see `synthesise`.
-
-        Raises
-        ------
-        TerrainError
-            If the aircraft is below ground, or terrain under the footprint is missing or void.
+        ``state``: position, velocity, attitude; ``frame_index``: sweep number, see `synthesise`. Raises
+        `TerrainError` if the aircraft is below ground, or terrain under the footprint is missing or void.
         """
         facets, power = self.facets(state)
         seen = power > 1e-7 * power.max()

@@ -28,25 +28,16 @@ def synthesise(
 ) -> np.ndarray:
     """(N,) complex128 frame of point scatterers.
 
-    Parameters
-    ----------
-    waveform : Waveform
-        The sweep.
-    amplitude : (n,) complex array
-        Received amplitude of each scatterer, without its carrier phase ``-2 pi f_c tau``, which is added
-        here.
-    range_m : (n,) float array
-        Ranges at the middle of the frame, within 0 and a quarter of the sweep's range.
-    range_rate_m_per_s : (n,) float array
-        Range rates, positive receding.
-    frame_index : int
-        Sweep number; matters only where ``B T_h`` is not whole and the sweep is not centred.
+    Neglected: range walk within a half sweep beyond its effect on the beat frequency (a phase of ``pi k rate T_h^2 /
+    2c``, 2e-3 rad at 70 m/s) and, in the transitions, range differences inside a bin and Doppler over ``tau``.
+    Against the sum of whole sweeps the error is below -45 dB for an airliner's approach.
 
-    Notes
-    -----
-    Neglected: range walk within a half sweep beyond its effect on the beat frequency (a phase of
-    ``pi k rate T_h^2 / 2c``, 2e-3 rad at 70 m/s) and, in the transitions, range differences inside a bin and
-    Doppler over ``tau``. Against the sum of whole sweeps the error is below -45 dB for an airliner's approach.
+    - ``waveform``: the sweep
+    - ``amplitude`` (n,) complex: received amplitude of each scatterer, without its carrier phase ``-2 pi f_c tau``,
+      which is added here
+    - ``range_m`` (n,) float: ranges at the middle of the frame, within 0 and a quarter of the sweep's range
+    - ``range_rate_m_per_s`` (n,) float: range rates, positive receding
+    - ``frame_index``: sweep number; matters only where ``B T_h`` is not whole and the sweep is not centred
     """
     amplitude, range_m = np.asarray(amplitude, dtype=complex), np.asarray(range_m, dtype=float)
     tau = 2.0 * range_m / C_M_PER_S
@@ -74,9 +65,8 @@ def _half_sweep(
 ) -> np.ndarray:
     """Echo relative to the reference over one half sweep, every scatterer taken as already in that half.
 
-    Up: ``-(f0 + f_c) tau - k tau t + k tau^2 / 2`` cycles; down, with ``w = T_sw - t``:
-    ``-(f0 + f_c) tau - k tau w - k tau^2 / 2``; ``tau`` linear in time, expanded about the middle of the
-    half.
+    Up: ``-(f0 + f_c) tau - k tau t + k tau^2 / 2`` cycles; down, with ``w = T_sw - t``: ``-(f0 + f_c) tau - k tau w -
+    k tau^2 / 2``; ``tau`` linear in time, expanded about the middle of the half.
     """
     k, middle = waveform.slope_hz_per_s, 0.5 * waveform.half_sweep_s
     f0 = -0.5 * waveform.bandwidth_hz if waveform.centered else 0.0
@@ -87,7 +77,7 @@ def _half_sweep(
     mid_hz = 0.5 * (tone_hz.min() + tone_hz.max())
     spread_hz = max(tone_hz.max() - tone_hz.min(), 1.0)
     count = NODE_STEP * int(np.ceil(2.0 * spread_hz * waveform.half_sweep_s / NODE_STEP))
-    matrix, first_s, step_s = _interpolator(waveform.samples_per_half, waveform.rate_hz, count)
+    matrix, first_s, step_s = interpolator(waveform.samples_per_half, waveform.rate_hz, count)
     nodes = matrix.shape[1]
     inner = int(np.ceil(np.sqrt(nodes)))
     outer = -(-nodes // inner)
@@ -107,11 +97,11 @@ def _powers(z: np.ndarray, count: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray, float, float]:
+def interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray, float, float]:
     """Kaiser-windowed sinc from uniform nodes to the samples of a half sweep.
 
-    Returns the (samples, nodes) matrix, and the first node's time and the node step in seconds, from the
-    middle of the half. ``count`` intervals span the half; ``TAPS / 2`` more nodes on either side.
+    Returns the (samples, nodes) matrix, and the first node's time and the node step in seconds, from the middle of
+    the half. ``count`` intervals span the half; ``TAPS / 2`` more nodes on either side.
     """
     step = samples / count
     # sample n of the half lies at n - samples / 2 from its middle
@@ -139,8 +129,8 @@ def _transition(
     """Echo relative to the reference at samples ``first`` of a half, where some scatterers' echoes belong to the half
     before.
 
-    There the echo's frequency stays within ``k tau`` of the turning point, so scatterers of one range bin
-    share their modulation once the turning point's own phase is applied exactly.
+    There the echo's frequency stays within ``k tau`` of the turning point, so scatterers of one range bin share their
+    modulation once the turning point's own phase is applied exactly.
     """
     half_s = waveform.half_sweep_s
     f0 = -0.5 * waveform.bandwidth_hz if waveform.centered else 0.0

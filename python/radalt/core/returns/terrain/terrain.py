@@ -44,24 +44,15 @@ class FlatTerrain:
 class DtedCell:
     """Posts of one DTED file.
 
-    Parameters
-    ----------
-    south_deg, west_deg : float
-        Corner of the south-west post.
-    step_lat_deg, step_lon_deg : float
-        Post spacing.
-    elevation_m : (n_lon, n_lat) float array
-        Elevations above mean sea level; NaN marks a void.
-    source : str
-        File name, for messages.
+    ``south_deg``, ``west_deg``: Corner of the south-west post; ``step_lat_deg``, ``step_lon_deg``: post spacing.
     """
 
     south_deg: float
     west_deg: float
     step_lat_deg: float
     step_lon_deg: float
-    elevation_m: np.ndarray
-    source: str = ""
+    elevation_m: np.ndarray  # (n_lon, n_lat) float: Elevations above mean sea level; NaN marks a void
+    source: str = ""  # file name, for messages
 
     @property
     def north_deg(self) -> float:
@@ -77,18 +68,9 @@ class DtedCell:
     def load(cls, path: Path | str, *, void: str = "error") -> "DtedCell":
         """Read a DTED file of level 0, 1 or 2 through the `dted` library.
 
-        Parameters
-        ----------
-        path : path
-            The file.
-        void : str
-            ``"error"`` keeps voids, and a query that needs one raises; ``"fill"`` fills each with the value
-            of the nearest post that has data.
-
-        Raises
-        ------
-        TerrainError
-            If the file is missing, damaged (header, length or checksum), or holds nothing but voids.
+        ``path``: the file; ``void``: ``"error"`` keeps voids, and a query that needs one raises; ``"fill"`` fills
+        each with the value of the nearest post that has data. Raises `TerrainError` if the file is missing, damaged
+        (header, length or checksum), or holds nothing but voids.
         """
         dted = extra("dted")
 
@@ -104,9 +86,8 @@ class DtedCell:
             raise TerrainError(f"terrain file {path}: {error.strerror or error}; name a DTED file") from error
         except (dted.errors.InvalidFileError, ValueError, IndexError, struct.error) as error:
             reason = " ".join(str(error).split())
-            raise TerrainError(
-                f"terrain file {path} is not intact DTED ({reason}); fetch it again"
-            ) from error
+            other = "fetch it again, or convert it (gdal_translate -of DTED)"
+            raise TerrainError(f"terrain file {path} is not intact DTED ({reason}); {other}") from error
         posts = np.asarray(tile.data, dtype=float)
         posts[posts == VOID_M] = np.nan
         posts = np.where(posts < _DEEPEST_M, -32768.0 - posts, posts)
@@ -172,8 +153,8 @@ def _blend(a: np.ndarray, b: np.ndarray, fraction: np.ndarray) -> np.ndarray:
 class Terrain:
     """Several DTED cells side by side; on a shared edge the first cell is used.
 
-    Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all
-    cells, or one that needs a void post, raises `TerrainError`.
+    Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all cells, or
+    one that needs a void post, raises `TerrainError`.
 
     Examples
     --------

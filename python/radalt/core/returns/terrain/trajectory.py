@@ -18,18 +18,21 @@ _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 COLUMNS = {
     "time": ("time_s", "time", "timestamp"),
     "latitude": ("latitude_deg", "latitude", "lat"),
-    "longitude": ("longitude_deg", "longitude", "lon", "long"),
-    "altitude": ("altitude_m", "altitude_ft", "alt_ft", "altitude", "alt"),
+    "longitude": ("longitude_deg", "longitude", "lon", "long", "lng"),
+    "altitude": ("altitude_m", "altitude_ft", "alt_m", "alt_ft", "altitude", "alt"),
     "geo": ("geoaltitude", "geo_altitude", "alt_geom"),
     "baro": ("baroaltitude", "baro_altitude", "alt_baro"),
     "aircraft": ("icao24", "hex", "callsign"),
     "onground": ("onground", "on_ground"),
 }
-# Altitude columns that state their unit, and columns of flight logs, whose altitudes are in feet as often as in metres
+# Altitude columns that state their unit, and how columns of flight logs begin, whose altitudes may be in feet
 # (OpenSky's own state vectors, which have `velocity`, are metric)
-_UNITS = {"altitude_m": "m", "altitude_ft": "ft", "alt_ft": "ft", "alt_baro": "ft", "alt_geom": "ft"}
-_LOGGED = set("groundspeed ground_speed gs vertical_rate baro_rate track flight callsign".split())
+_UNITS = dict.fromkeys(("altitude_m", "alt_m"), "m")
+_UNITS |= dict.fromkeys(("altitude_ft", "alt_ft", "alt_baro", "alt_geom"), "ft")
+_LOGGED = tuple("gs gspeed ground speed vertical_rate vspeed baro_rate track course flight callsign".split())
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
+_EMPTY = ("", "nan", "null", "none", "ground")  # cells without a number
+_APART_M = 31.0  # largest difference of an altitude in metres and in feet, m: one is in hundreds of feet
 
 
 class TrajectoryError(InputError):
@@ -40,23 +43,15 @@ class TrajectoryError(InputError):
 class AircraftState:
     """Position, velocity and attitude at one instant.
 
-    Parameters
-    ----------
-    time_s, latitude_deg, longitude_deg : float
-        Time on the trajectory's own clock, and geodetic position.
-    altitude_m : float
-        Altitude of the altimeter's antenna above mean sea level (the datum of the terrain).
-    velocity_m_per_s : tuple of 3 float
-        East, north and up.
-    heading_deg, pitch_deg, roll_deg : float
-        True heading clockwise from north, nose up, right wing down.
+    - ``time_s``, ``latitude_deg``, ``longitude_deg``: time on the trajectory's own clock, and geodetic position
+    - ``heading_deg``, ``pitch_deg``, ``roll_deg``: True heading clockwise from north, nose up, right wing down
     """
 
     time_s: float
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float
-    velocity_m_per_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    altitude_m: float  # altitude of the altimeter's antenna above mean sea level (the datum of the terrain)
+    velocity_m_per_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (tuple of 3 float): east, north and up
     heading_deg: float = 0.0
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
@@ -76,29 +71,18 @@ class AircraftState:
 class Trajectory:
     """A track through given points, interpolated so that the velocity is continuous and nothing overshoots.
 
-    Latitude, longitude and altitude are piecewise cubic Hermite polynomials with monotone slopes (F. N.
-    Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17(2), 1980), so a flare never dips below its points.
-    Velocity is the derivative on the ellipsoid; heading follows the track, pitch is the path angle plus the
-    angle of attack, and roll that of a coordinated turn, ``tan(roll) = V d(track)/dt / g``.
+    Latitude, longitude and altitude are piecewise cubic Hermite polynomials with monotone slopes (F. N. Fritsch and
+    R. E. Carlson, SIAM J. Numer. Anal. 17(2), 1980), so a flare never dips below its points. Velocity is the
+    derivative on the ellipsoid; heading follows the track, pitch is the path angle plus the angle of attack, and roll
+    that of a coordinated turn, ``tan(roll) = V d(track)/dt / g``.
 
-    Parameters
-    ----------
-    time_s, latitude_deg, longitude_deg, altitude_m : (n,) float arrays
-        Points, n >= 4, times strictly increasing; altitudes above mean sea level.
-    angle_of_attack_deg : float
-        Added to the path angle; airliners fly a 3 degree approach nose up by about 2.
-    max_gap_s : float
-        Longest step between points that is interpolated across.
-    max_speed_m_per_s, max_vertical_speed_m_per_s : float
-        Largest speed over ground, and vertical speed, from one point to the next.
-    source : str
-        File name, for messages.
+    - ``time_s``, ``latitude_deg``, ``longitude_deg``, ``altitude_m`` (n,) float: points, n >= 4, times strictly
+      increasing; altitudes above mean sea level
+    - ``max_speed_m_per_s``, ``max_vertical_speed_m_per_s``: largest speed over ground, and vertical speed, from one
+      point to the next
 
-    Raises
-    ------
-    TrajectoryError
-        If there are too few points, time runs backwards or is no seconds, a gap is too long, or a position or speed is
-        impossible.
+    Raises `TrajectoryError` if there are too few points, time runs backwards or is no seconds, a gap is too long, or
+    a position or speed is impossible.
     """
 
     time_s: np.ndarray
@@ -106,10 +90,11 @@ class Trajectory:
     longitude_deg: np.ndarray
     altitude_m: np.ndarray
     angle_of_attack_deg: float = 5.0
-    max_gap_s: float = 15.0
+    """Added to the path angle; airliners fly a 3 degree approach nose up by about 2."""
+    max_gap_s: float = 15.0  # longest step between points that is interpolated across
     max_speed_m_per_s: float = 700.0
     max_vertical_speed_m_per_s: float = 60.0
-    source: str = "trajectory"
+    source: str = "trajectory"  # file name, for messages
 
     def __post_init__(self) -> None:
         t = np.asarray(self.time_s, dtype=float)
@@ -138,10 +123,11 @@ class Trajectory:
         moved = np.hypot(meridian * np.radians(np.diff(self.latitude_deg)), east)
         # 300 m/s by a clock of milliseconds is 0.3 m/s, at which nothing flies a kilometre; 1e11 s is the year 5138
         slow = moved.sum() < 0.3 * (t[-1] - t[0]) and (moved.sum() > 1e3 or np.median(step) > self.max_gap_s)
-        if slow or t[0] > 1e11:
+        fast = np.median(step) < 1.0 and np.median(moved / step) > self.max_speed_m_per_s
+        if slow or fast or t[0] > 1e11:
             raise TrajectoryError(
                 f"{self.source}: from {t[0]:.12g} to {t[1]:.12g} it moves {moved[0]:.3g} m, so the times look like "
-                "milliseconds; give seconds: divide them by 1000"
+                f"{'minutes or hours' if fast else 'milliseconds'}; give seconds"
             )
         if step.max() > self.max_gap_s:
             k = int(np.argmax(step))
@@ -159,6 +145,13 @@ class Trajectory:
                     f"{self.source}: {rate[k]:.0f} m/s from t = {t[k]:.12g} s to point {k + 2}, t = {t[k + 1]:.12g} s, "
                     f"more than {name} = {limit:g}; leave the wrong row out, or raise the limit"
                 )
+        steep = climbed / np.maximum(moved, _SLOW_M_PER_S * np.maximum(step, 1.0))
+        if steep.max() > 1.0:
+            k = int(np.argmax(steep))
+            raise TrajectoryError(
+                f"{self.source}: {climbed[k]:.0f} m up or down over {moved[k]:.3g} m of ground from t = {t[k]:.12g} s "
+                f"to point {k + 2}, steeper than 45 degrees; leave the wrong row out"
+            )
 
     @classmethod
     def load(
@@ -173,32 +166,17 @@ class Trajectory:
     ) -> "Trajectory":
         """Read a track from CSV; lines beginning with ``#`` are comments.
 
-        The columns distinguish a plain track (time, latitude, longitude, altitude_m or altitude_ft) from ADS-B
-        state vectors of the OpenSky Network (time, icao24, lat, lon, velocity, heading, vertrate, onground,
-        baroaltitude, geoaltitude; metres, seconds) and of receivers (alt_baro, alt_geom; feet). State vectors on
-        the ground, without position or altitude, or with the position of the row before (stale) are left out.
+        The columns distinguish a plain track (time, latitude, longitude, altitude_m or altitude_ft) from ADS-B state
+        vectors of the OpenSky Network (time, icao24, lat, lon, velocity, heading, vertrate, onground, baroaltitude,
+        geoaltitude; metres, seconds) and of receivers (alt_baro, alt_geom; feet). State vectors on the ground,
+        without position or altitude, or with the position of the row before (stale) are left out.
 
-        Parameters
-        ----------
-        aircraft : str, optional
-            ``icao24`` (or callsign) to take from a file with several.
-        altitude : str, optional
-            ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude), where there are several; default
-            the plain altitude, else the first of these.
-        altitude_unit : str, optional
-            ``"m"`` or ``"ft"``, of a column whose name does not state it: needed in a flight log (groundspeed,
-            vertical_rate, track, callsign), elsewhere metres.
-        altitude_offset_m : float
-            Added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around Chicago), the
-            pressure correction for barometric ones, minus the height of the reporting antenna above the
-            altimeter's.
-        **settings
-            As of the class.
+        All else is as of `core.returns.landing.TrajectorySpec`. An altitude without a unit in its name is in metres,
+        and refused in a flight log (`_LOGGED`). What is added to GNSS altitudes is minus the geoid undulation (+34 m
+        around Chicago), and to barometric ones the pressure correction.
 
-        Raises
-        ------
-        TrajectoryError
-            As the class, and if the file cannot be read, lacks a column, or holds several aircraft.
+        Raises `TrajectoryError`: as the class, and if the file cannot be read, lacks a column, or holds several
+        aircraft.
         """
         path = Path(path)
         try:
@@ -216,8 +194,12 @@ class Trajectory:
             [] if height else [f"altitude: {altitude}" if altitude else "altitude"]
         )
         if missing:
+            wanted = {min(COLUMNS[k], key=len): COLUMNS[k][0] for k in missing if k in COLUMNS}
+            other = (
+                f"; convert {n} to {own}" for stem, own in wanted.items() for n in names if n.startswith(stem)
+            )
             raise TrajectoryError(
-                f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}"
+                f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}{next(other, '')}"
             )
         metres = foot if _unit(path, height, names, altitude_unit) == "ft" else 1.0
         rows = _one_aircraft(path, rows, column["aircraft"], aircraft)
@@ -256,10 +238,7 @@ class Trajectory:
     def states(self, time_s: np.ndarray) -> list[AircraftState]:
         """States at (n,) instants within ``start_s..end_s``.
 
-        Raises
-        ------
-        TrajectoryError
-            If an instant lies outside the trajectory.
+        Raises `TrajectoryError` if an instant lies outside the trajectory.
         """
         time_s = np.atleast_1d(np.asarray(time_s, dtype=float))
         outside = (time_s < self.start_s) | (time_s > self.end_s)
@@ -297,7 +276,7 @@ def _unit(path: Path, column: str, names: list[str], given: str | None) -> str:
     stated = _UNITS.get(column)
     if stated and given not in (None, stated):
         raise TrajectoryError(f"{path.name}: {column} is in {stated}, altitude_unit is {given}; leave it out")
-    logged = sorted(_LOGGED.intersection(names))
+    logged = sorted(name for name in names if name.startswith(_LOGGED))
     if not (stated or given) and logged and "velocity" not in names:
         raise TrajectoryError(
             f"{path.name}: column {column} may be in feet or metres, as the file has {', '.join(logged)}; "
@@ -311,20 +290,16 @@ def _one_aircraft(
 ) -> list[dict[str, str]]:
     named = [row[column].strip().lower() if column else "" for row in rows]
     seen = [name or "(none)" for name, _ in Counter(named).most_common()]
-    listed = (
-        f"{len(seen)} aircraft in column {column} ({', '.join(seen[:8])})"
-        if column
-        else "no column of aircraft"
-    )
-    if wanted is None and len(seen) > 1:
-        raise TrajectoryError(f"{path.name}: {listed}; choose one: aircraft=")
-    if wanted is not None and wanted.strip().lower() not in named:
+    listed = "no column of aircraft"
+    if column:
+        listed = f"{len(seen)} aircraft in column {column} ({', '.join(seen[:8])})"
+    if wanted is None:
+        if len(seen) > 1:
+            raise TrajectoryError(f"{path.name}: {listed}; choose one: aircraft=")
+        return rows
+    if wanted.strip().lower() not in named:
         raise TrajectoryError(f"{path.name}: no aircraft {wanted!r}; it has {listed}")
-    return (
-        rows
-        if wanted is None
-        else [r for r, n in zip(rows, named, strict=True) if n == wanted.strip().lower()]
-    )
+    return [row for row, name in zip(rows, named, strict=True) if name == wanted.strip().lower()]
 
 
 def _usable(
@@ -337,14 +312,18 @@ def _usable(
     for number, row in enumerate(rows, start=1):
         cells = [(row[name] or "").strip() for name in names]
         grounded = column["onground"] and row[column["onground"]].strip().lower() in ("true", "1", "t")
-        if grounded or any(cell.lower() in ("", "nan", "null", "none", "ground") for cell in cells):
+        if grounded or any(cell.lower() in _EMPTY for cell in cells):
             continue
+        both = {name: row.get(name, "").strip() for name in COLUMNS["altitude"] if name in _UNITS}
+        both = {name: cell for name, cell in both.items() if height in both and cell.lower() not in _EMPTY}
         try:
             point = [float(cell) for cell in cells]
+            metres = [float(cell) * (foot if _UNITS[name] == "ft" else 1.0) for name, cell in both.items()]
         except ValueError as error:
-            raise TrajectoryError(
-                f"{path.name}: data row {number}: {error}; every cell has to be a number"
-            ) from error
+            raise TrajectoryError(f"{path.name}: data row {number}: {error}; give numbers") from error
+        if both and max(metres) - min(metres) > _APART_M:
+            said = " and ".join(f"{name} {cell}" for name, cell in both.items())
+            raise TrajectoryError(f"{path.name}: data row {number}: {said} are two altitudes; leave one")
         if not (state_vectors and kept and kept[-1][1:3] == point[1:3]):
             kept.append(point)
     return kept

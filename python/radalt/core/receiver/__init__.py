@@ -1,1 +1,0 @@
-"""From received samples to an altitude: segmenter, dechirp and decimation, CFAR, pairing of both half sweeps."""
