@@ -7,7 +7,7 @@ import pytest
 from scipy import fft
 
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
-from radalt.core.deramp.emitters import Carrier, OtherAltimeter, Tone, delayed_if, interference_if
+from radalt.core.deramp.emitters import Carrier, OtherAltimeter, Tone, interference_if
 from radalt.core.deramp.if_waveform import IfWaveform, white_noise
 from radalt.core.fir import kaiser_lowpass
 from radalt.core.interference.emitters.nr import NrEmitter
@@ -124,12 +124,3 @@ def test_white_noise_has_its_density_in_every_beat_cell():
     inside = np.abs(np.fft.fftfreq(full.shape[1], 1 / SWEEP.rate_hz)) < SWEEP.pass_hz
     there = np.mean(np.abs(fft.fft(full, axis=1)[:, inside] / full.shape[1]) ** 2)
     assert abs(10 * np.log10(there / cells)) < 0.15  # 24 half sweeps of 500 cells
-
-
-def test_an_emitter_that_arrives_later_turns_along_the_sweep():
-    """A carrier later by d is one of another phase, whatever the LO has done in between."""
-    delay_s, offset_hz = 3e-9, 2e6
-    w = IfWaveform(bandwidth_hz=150e6, sweep_s=7e-3, rate_hz=1.536e6, pass_hz=0.5e6)
-    later = Tone(offset_hz, -(w.carrier_hz + offset_hz) * delay_s)
-    found = delayed_if(w, interference_if(w, Tone(offset_hz), 2), delay_s)
-    assert agreement(found.ravel(), interference_if(w, later, 2).ravel())[1] < -40.0

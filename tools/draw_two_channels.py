@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Figure of docs/two-channels.md, and numbers that no command prints: depth of the null, cost, one weight per ramp.
+"""Figure of docs/two-channels.md, and its numbers that no list of cases has: depth of the null, cost of the canceller.
 
     .venv/bin/python flowgraphs/bench.py two_channels --out results/two_channels
     .venv/bin/python flowgraphs/bench.py two_channels --methods hybrid --cases nr10_one,noise_one --out results/one
@@ -9,28 +9,21 @@ Writes docs/figures/two_channels.png.
 """
 
 import argparse
-import dataclasses
 import shutil
 import sys
 import time
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 from scipy import fft
-from scipy.constants import foot
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "python"))
 
 import radalt  # noqa: E402 - the path first
 from radalt.bench.rows import read_rows  # noqa: E402
-from radalt.core.channel.auxiliary import Direction  # noqa: E402
-from radalt.core.deramp.profile import load_profile  # noqa: E402
 from radalt.core.scene import parse_scene, scene_to_mapping  # noqa: E402
 from radalt.evaluation.results.figure import new_figure, save_figure  # noqa: E402
-from radalt.studies.tolerance.criteria import break_level, judged  # noqa: E402
-from radalt.studies.tolerance.study import AUXILIARY, Trial, altered  # noqa: E402
 
 # What keeps the null from being deep: keys of ``auxiliary`` and of ``auxiliary_cancel``
 MISMATCHES = {
@@ -43,7 +36,6 @@ MISMATCHES = {
     "the same, order 1": ({"directions": {"doppler_hz": 100.0}}, {"order": 1}),
     "echo of 0 dB after 500 ns": ({"directions": {"echo_db": 0.0}}, {}),
 }
-WEIGHTS = {"a line per 55 us of the sweep": {}, "one weight per ramp": {"pieces": 2, "order": 0}}
 DELAYS_NS = (0.3, 1.0, 3.0, 10.0, 30.0)
 CURVES = (
     ("nr10_one", "one channel, 5G, best of four", "#888888", "--", "s"),
@@ -76,22 +68,10 @@ def cancelled(auxiliary: dict, cancel: dict) -> tuple[float, float]:
     return float(depth_db), float(np.median(spent) / np.median(unit))
 
 
-def behind_mixer(delay_s: float, cancel: dict) -> float | None:
-    """Break-point in dBm of `fmcw_150mhz` with linear front ends under white noise at 2,500 ft."""
-    profile, altitude_m = altered(load_profile("fmcw_150mhz"), "without compression"), 2500.0 * foot
-    second = dataclasses.replace(AUXILIARY, directions=(Direction(delay_s=delay_s),))
-    trial = Trial(profile, "white_noise", "auxiliary_cancel", 20, 2, auxiliary=second, cancel=cancel)
-    back = trial.returns(2500.0)
-    return break_level(
-        lambda x: any(judged(*trial.outputs(back, x), altitude_m, profile.output_s).values()), -10.0
-    )
-
-
 def main() -> int:
     """Draw the figure and print the numbers."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=formatter)
     parser.add_argument("results", type=Path, nargs="+", help="folders of runs of the list two_channels")
     folders = parser.parse_args().results
     rows = [row for folder in folders for row in read_rows(folder / "rows.csv")]
@@ -99,9 +79,8 @@ def main() -> int:
     left, right, last = figure.subplots(1, 3)
     for case, label, colour, line, marker in CURVES:
         own = [r for r in rows if r["case"] == case and r["overlap"] == 1.0]
-        best = {
-            r["sir_db"]: r for r in sorted(own, key=lambda r: r["pd"])
-        }  # the last one of a level is the best
+        # the last one of a level is the best
+        best = {r["sir_db"]: r for r in sorted(own, key=lambda r: r["pd"])}
         if not case.endswith("_one"):
             best = {r["sir_db"]: r for r in own if r["entry"] == "none"}
         x = sorted(best)
@@ -116,10 +95,7 @@ def main() -> int:
         reach = {"reach_s": (taps // 2 + 0.1) / 7.5e6}
         depths = [cancelled({"directions": {"delay_s": ns * 1e-9}}, reach)[0] for ns in DELAYS_NS]
         right.semilogx(DELAYS_NS, depths, style, marker="o", ms=4, label=f"{taps} tap{'s'[: taps > 1]}")
-        print(
-            f"{taps} taps: "
-            + ", ".join(f"{ns:g} ns {d:.1f} dB" for ns, d in zip(DELAYS_NS, depths, strict=True))
-        )
+        print(f"{taps} taps, dB at {DELAYS_NS} ns:", [f"{depth:.1f}" for depth in depths])
     right.set_xticks(DELAYS_NS, [f"{ns:g}" for ns in DELAYS_NS])
     right.minorticks_off()
     right.set(xlabel="delay between the antennas / ns", ylabel="depth of the null / dB", ylim=(0, 60))
@@ -136,8 +112,6 @@ def main() -> int:
     shutil.copy(folders[0] / "two_channels.png", ROOT / "docs/figures/two_channels.png")
     for name, (depth_db, ffts) in found.items():
         print(f"{name}: {depth_db:.1f} dB, {ffts:.1f} FFTs per frame")
-    for (words, cancel), ns in product(WEIGHTS.items(), (3, 10)):
-        print(f"behind a mixer, {words}, {ns} ns: breaks at {behind_mixer(ns * 1e-9, cancel)} dBm")
     return 0
 
 
