@@ -101,10 +101,7 @@ class _Elements:
 class IterativeReceiver:
     """Receiver for one numerology.
 
-    Attributes
-    ----------
-    ffts : float
-        Cost of the frame so far in FFTs of 7,500 points, by the steps that were taken.
+    ``ffts``: cost of the frame so far in FFTs of 7,500 points, by the steps that were taken.
     """
 
     def __init__(self, numerology: Numerology, returns: ReturnEstimator, settings: OfdmSettings) -> None:
@@ -186,20 +183,11 @@ class IterativeReceiver:
     ) -> Reception:
         """Soft decisions, noise, phases, timing and channel in turns, at most ``iterations`` times.
 
-        Parameters
-        ----------
-        grid : ElementGrid
-        free : (L, K) bool
-            Return-free elements.
-        start : ChannelStart or Reception
-            Channel, phases and noise to begin with, and the channel's model.
-        iterations : int
-            0 decides once, and estimates the channel once.
-        known : KnownReturn or None
-        acquiring : bool
-            Whether the channel is still rough, so that it is averaged widely at first.
-        memory : float
-            Weight of the static channel of the iteration before, in symbols of median noise.
+        - ``free`` (L, K) bool: return-free elements
+        - ``start``: channel, phases and noise to begin with, and the channel's model
+        - ``iterations``: 0 decides once, and estimates the channel once
+        - ``acquiring``: whether the channel is still rough, so that it is averaged widely at first
+        - ``memory``: weight of the static channel of the iteration before, in symbols of median noise
         """
         channel, used, noise, model = start.channel, start.used, start.noise, start.model
         estimator = ChannelEstimator(self._s)

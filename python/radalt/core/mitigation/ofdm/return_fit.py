@@ -80,16 +80,11 @@ class MaskedPoints:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Nats (candidates, 2) per half sweep with returns, and the factors (candidates, L) that fit best.
 
-        Parameters
-        ----------
-        own : (candidates, n) complex64
-            Returns in the elements over their channel.
-        uncertainty : (candidates, 2) float
-            Of their power, over their power; it halves with each round.
-        half, time : (L,) int, (L,) float
-            Half sweep of each symbol, and its time within that, -1 to 1.
-        rounds : int
-            In which the factors are fitted to the points decided. They are straight lines: beats are not exact.
+        - ``own`` (candidates, n) complex64: returns in the elements over their channel
+        - ``uncertainty`` (candidates, 2) float: of their power, over their power; it halves with each round
+        - ``half``, ``time`` (L,) int: half sweep of each symbol, and its time within that, -1 to 1
+        - ``rounds``: in which the factors are fitted to the points decided. They are straight lines: beats are not
+          exact.
         """
         size, count = power(own), self.row.size
         which = half[self.row]
@@ -113,14 +108,7 @@ class MaskedPoints:
 class ReturnFit:
     """The return of a frame as its masked elements show it.
 
-    Parameters
-    ----------
-    points : MaskedPoints
-    grid : ElementGrid
-    factor : (L, K) complex64
-        From raw elements to those that were equalised.
-    returns : ReturnEstimator
-    settings : OfdmSettings
+    ``factor`` (L, K) complex64: from raw elements to those that were equalised.
     """
 
     def __init__(

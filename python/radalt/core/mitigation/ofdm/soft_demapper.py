@@ -158,16 +158,9 @@ class SoftDemapper:
     def demap(self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray) -> SoftSymbols:
         """Posterior of the symbols.
 
-        Parameters
-        ----------
-        z : (L, K) complex64
-            Equalised elements; points have unit mean power.
-        noise : (L, K) float32
-            Noise power over channel power.
-        trust : (L, K) float32
-            1 for return-free elements in use, which judge constellations and control; 0 for the others.
-        segments : (half slots,) int
-            First symbol of each half slot.
+        ``z`` (L, K) complex64: equalised elements; points have unit mean power; ``noise`` (L, K) float32: noise power
+        over channel power; ``trust`` (L, K) float32: 1 for return-free elements in use, which judge constellations
+        and control; 0 for the others; ``segments`` (half slots,) int: first symbol of each half slot.
         """
         m = self._mixture(z, noise, trust, segments)
         _, means, seconds = rail_tables()
