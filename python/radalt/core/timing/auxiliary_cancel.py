@@ -14,6 +14,7 @@ from ..parsing import Settings, setting
 from ..waveform import Waveform
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
+_LOADING = 1e-7  # diagonal loading over the second channel's mean power: below every converter's noise
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
 _STANDS_OUT = (
     30.0  # power of a line over the cells next to it that is a return: noise reaches it once in 1e6 frames
@@ -42,8 +43,6 @@ class CancelSettings(Settings, where="auxiliary_cancel"):
     """Polynomial in time that weights follow within a frame: 0 for antennas at rest."""
     conjugate: bool = False
     """Use the second channel's complex conjugate as well, at twice the cost: for images of front ends above -45 dB."""
-    loading_db: float = setting(-70.0, -120.0, 0.0)
-    """Diagonal loading relative to the second channel's power."""
     least_db: float = setting(0.5, 0.1, 20.0)
     """Least fall of the power outside the return's beats, below which a frame passes unchanged."""
 
@@ -184,7 +183,7 @@ class AuxiliaryCancel:
         if not np.isfinite(products).all():
             return None
         within, across, before = products[:-1, :-1], products[:-1, -1], products[-1, -1].real
-        load = 10 ** (self.settings.loading_db / 10) * np.trace(within).real / len(within)
+        load = _LOADING * np.trace(within).real / len(within)
         weights = np.linalg.solve(within + (load + np.finfo(np.float32).tiny) * np.eye(len(within)), across)
         after = before - 2 * np.vdot(weights, across).real + np.vdot(weights, within @ weights).real
         return weights if after < before * 10 ** (-self.settings.least_db / 10) else None
