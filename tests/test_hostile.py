@@ -29,7 +29,7 @@ from hostile import assert_line, assert_refused, ended, measure_here
 from waiting import end_of, ran, ran_python
 
 import bench
-from radalt.core.mitigation import MitigationError, create, rehearsal
+from radalt.core.mitigation import MitigationError, create, trial_run
 from radalt.core.parsing import InputError, load_yaml, shown
 from radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
 from radalt.core.scene import SceneError, load_scene, parse_scene
@@ -305,8 +305,8 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_hostile_method_file_gets_one_line_from_the_plan(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(rehearsal, "LIMIT_S", 30.0 if "loop" not in name else 1.0)
-    # what raises has its line without a rehearsal, too
+    monkeypatch.setattr(trial_run, "LIMIT_S", 30.0 if "loop" not in name else 1.0)
+    # what raises has its line without a trial run, too
     if name in ("exit", "NaN", "recursion", "nul", "long"):
         monkeypatch.setenv("RADALT_REHEARSAL", "1")
     path = tmp_path / "m.py"
@@ -362,7 +362,7 @@ def test_hostile_network_is_refused(tmp_path):
 
 
 def test_a_network_that_never_ends_is_refused_within_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr(rehearsal, "LIMIT_S", 3.0)
+    monkeypatch.setattr(trial_run, "LIMIT_S", 3.0)
     (tmp_path / "n.onnx").write_bytes(LOOP)
     with pytest.raises(MitigationError, match="did not load and clean a frame within 3 s"):
         create("tcae", Waveform(), model=str(tmp_path / "n.onnx"))
@@ -371,7 +371,7 @@ def test_a_network_that_never_ends_is_refused_within_the_limit(tmp_path, monkeyp
 def test_a_file_is_rehearsed_once_and_again_when_it_has_changed(tmp_path, monkeypatch):
     started = []
     popen = subprocess.Popen
-    monkeypatch.setattr(rehearsal.subprocess, "Popen", lambda *a, **k: started.append(a) or popen(*a, **k))
+    monkeypatch.setattr(trial_run.subprocess, "Popen", lambda *a, **k: started.append(a) or popen(*a, **k))
     path = tmp_path / "m.py"
     path.write_text("def mitigate(frames, waveform): return frames\n")
     for _ in range(3):
@@ -384,7 +384,7 @@ def test_a_file_is_rehearsed_once_and_again_when_it_has_changed(tmp_path, monkey
 
 
 def test_shipped_networks_are_not_rehearsed(monkeypatch):
-    monkeypatch.setattr(rehearsal.subprocess, "Popen", lambda *a, **k: pytest.fail("rehearsed"))
+    monkeypatch.setattr(trial_run.subprocess, "Popen", lambda *a, **k: pytest.fail("rehearsed"))
     create("tcae", Waveform())
     create("tcae", Waveform(), model=str(ROOT / "models/fc.onnx"))
     assert np.isfinite(create("whitening", Waveform()).process(Waveform().reference).view(np.float32)).all()
