@@ -91,6 +91,16 @@ def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
     return {"scene_file": str(path), "transmit": 1, "drop_when_slow": 1}, air.calls
 
 
+def refusal(cls: type, calls: list[tuple]) -> list:
+    """What the view says of the scene as shipped, which states no enclosure, and what it has called on radios then."""
+    from radalt.core.radio.interlock import InterlockError
+
+    try:
+        cls(transmit=1)
+    except InterlockError as error:
+        return [str(error), *calls]
+
+
 def main() -> None:
     from PyQt5 import Qt
 
@@ -103,13 +113,13 @@ def main() -> None:
     name = "ota_live" if air else "ota_live_sim"
     prepared = Prepared(generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), folder))
     parameters, calls = on_the_air(folder) if air else ({"drop_when_slow": 0}, [])
+    report: dict[str, object] = {"refused": refusal(load_class(prepared), calls) if air else []}
     top = load_class(prepared)(**parameters)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.show()
     top.start()
     deadline = time.monotonic() + TIME_LIMIT_S
     altimeters = {name: getattr(top, f"altimeter_{name}") for name in ("none", "tcae", "selected")}
-    report: dict[str, object] = {}
     for step, controls in STEPS[:1] if air else STEPS:
         for control, value in controls.items():
             if hasattr(top, f"set_{control}"):

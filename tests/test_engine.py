@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from waiting import end_of, ran, ran_python, wait_for, written
+from waiting import end_of, ran, wait_for, written
 
 from radalt.evaluation.engine import command
 from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
@@ -236,17 +236,3 @@ def test_a_run_stopped_before_it_began_prints_no_command(tmp_path, capsys):
     options = Options(tmp_path / "run")
     assert command.main(study, options, program="coins", dry_run=False) == 130
     assert capsys.readouterr().err.strip() == "coins: stopped"
-
-
-def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
-    code = (
-        f"import sys; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
-        "from test_engine import Coins, Options, Path, run\n"
-        "if __name__ == '__main__':\n"
-        f"    run(Coins((0.5,)), Options(Path({str(tmp_path / 'run')!r}), jobs=1))\n"
-        "    print(*({'dask', 'distributed', 'tornado'} & set(sys.modules)))\n"
-    )
-    (tmp_path / "program.py").write_text(code, encoding="utf-8")
-    done = ran_python(tmp_path / "program.py")
-    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
-    assert len(rows_of(tmp_path / "run").splitlines()) == 2

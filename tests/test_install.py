@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_identity import ONE_PACKAGE
 from waiting import ran
 
 from radalt.evaluation.programs import programs
@@ -113,12 +112,6 @@ def test_installed_module_imports_with_every_block_and_the_core(root, cache, pac
     assert set(" ".join(blocks).split()) == {
         file.stem for file in (root / "python/radalt/blocks").glob("[!_]*.py")
     }
-
-
-def test_both_names_are_one_package(environment, tmp_path):
-    for names in (("import radalt", "import gnuradio.radalt"), ("import gnuradio.radalt", "import radalt")):
-        code = ONE_PACKAGE.format(first=names[0], second=names[1])
-        run(sys.executable, "-W", "error", "-c", code, cwd=tmp_path, env=environment)
 
 
 def test_every_block_imports_in_the_python_of_the_companion(cache, package, environment, tmp_path):

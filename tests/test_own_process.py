@@ -134,18 +134,3 @@ def test_in_a_flowgraph(tmp_path):
     assert network.status()["frames"] == 21
     assert network.milliseconds().size == 21
     assert (network.milliseconds() > 0).all()
-
-
-def test_its_memory_is_mapped_once(apart):
-    """A frame's arrays are pages by the dozen: mapped anew they took as long as three FFTs per frame."""
-    method, frames = apart("whitening", batch=8), received(64)
-
-    def pages() -> int:
-        return int(Path(f"/proc/{method.process_id}/stat").read_text().rpartition(")")[2].split()[7])
-
-    for _ in range(3):
-        method.process(frames)
-    before = pages()
-    for _ in range(5):
-        method.process(frames)
-    assert pages() - before < 5 * len(frames)

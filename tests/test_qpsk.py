@@ -10,7 +10,7 @@ from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
-from radalt.core.mitigation import MitigationError, create
+from radalt.core.mitigation import create
 from radalt.core.mitigation.qpsk.settings import DEFAULTS
 from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
 from radalt.core.returns.point import point_return
@@ -73,7 +73,7 @@ def test_power_is_one_before_the_filter(pulse, power):
 
 def test_rectangular_pulses_have_the_spectrum_of_the_sinc_and_do_not_fold():
     emitter = QpskReceivedEmitter(bandwidth_hz=2e6, carrier_hz=0.0)
-    window = emitter.samples(750 * 400, RATE_HZ, np.random.default_rng(5)).reshape(400, 750)
+    window = emitter.samples(750 * 200, RATE_HZ, np.random.default_rng(5)).reshape(200, 750)
     density = np.mean(np.abs(np.fft.fft(window * np.hanning(750), axis=1)) ** 2, axis=0)
     frequency = np.fft.fftfreq(750, 1 / RATE_HZ)
     flat = (np.abs(frequency) < 0.44 * RATE_HZ) & (np.abs(np.abs(frequency) - 2e6) > 0.2e6)
@@ -251,10 +251,10 @@ def going_on(*windows, sir_db=-40.0, seed=21):
     ids=["rectangular", "narrow, off centre", "fast, clock far off", "slow", "echoes"],
 )
 def test_an_emitter_that_goes_on_is_followed_and_no_more_is_left_than_of_one_frame(emitter, sir_db):
-    frames, clean = going_on((emitter, 12 * N), sir_db=sir_db)
+    frames, clean = going_on((emitter, 8 * N), sir_db=sir_db)
     method = create("qpsk_cancel", W)
     followed = left(method.process(frames), clean)
-    assert method.cancelled == 12 and method.tracked == 11
+    assert method.cancelled == 8 and method.tracked == 7
     alone = []
     for frame in frames:
         method.reset()
@@ -352,8 +352,3 @@ def test_a_level_whose_squares_no_float32_holds_passes(factor):
     method.process(frames[:2])
     loud = frames[2:] * np.float32(factor)
     np.testing.assert_array_equal(method.process(loud), loud)
-
-
-def test_a_frame_that_is_too_short_is_refused():
-    with pytest.raises(MitigationError, match="a frame has 750 samples; it takes 1024 or more"):
-        create("qpsk_cancel", Waveform(sweep_s=0.1e-3))

@@ -164,18 +164,6 @@ def test_what_does_not_fit_is_one_line(tmp_path, change, said):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("fields", "said"),
-    [
-        ({}, "recording.file is missing"),
-        ({"file": "a", "rate_hz": 7.5}, r"recording.rate_hz is 7.5; .* did you mean 7.5e\+06"),
-    ],
-)
-def test_wrong_fields_are_refused_when_made(fields, said):
-    with pytest.raises(ValueError, match=said):
-        RecordingEmitter(**fields)
-
-
 def test_not_finite_samples_are_named(tmp_path):
     samples = np.ones(30_000, dtype=complex)
     samples[7] = np.nan

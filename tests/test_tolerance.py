@@ -298,7 +298,7 @@ def test_the_tracker_takes_the_same_frames():
 
 
 def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_return_says(
-    tmp_path, measured_here
+    tmp_path, measured_here, undrawn
 ):
     """One law: some 30 dB/MHz over the return at any altitude (a linear receiver: -17, -29, -44, -57 dBm/MHz)."""
     out = tmp_path / "run"
@@ -316,12 +316,12 @@ def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_ret
     assert "95 %" not in page  # of one seed
     assert "secondary" in page
     assert "Margin to 14 CFR 91.220(b) Table 1" in page
-    assert (out / "tolerance.svg").stat().st_size > 1000
+    assert (out / "tolerance.svg").is_file()
 
 
-def test_a_decomposition_says_what_each_mechanism_costs(tmp_path, measured_here):
+def test_a_decomposition_says_what_each_mechanism_costs(tmp_path, measured_here, undrawn):
     out = tmp_path / "run"
-    options = "--profile poor --interferers nr100_3930 --altitudes-ft 1000,2500 --outputs 20 --jobs 1"
+    options = "--profile poor --interferers nr100_3930 --altitudes-ft 1000 --outputs 20 --jobs 1"
     assert main([*options.split(), "--decompose", "--out", str(out)]) == 0
     page = (out / "report.md").read_text()
     lines = [line.split("|") for line in page.splitlines() if ", none | " in line]

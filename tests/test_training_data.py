@@ -79,12 +79,6 @@ def test_every_epoch_holds_every_example_once_in_its_own_order(tmp_path):
     assert clean.dtype == np.float32 and stored.shape == (10, 2, 2, W.samples_per_frame)
 
 
-def test_content_hash_tells_sets_apart():
-    config = data.CONFIGS["paper"]
-    assert data.content_hash(config, W, 2) == data.content_hash(config, W, 2)
-    assert data.content_hash(config, W, 2) != data.content_hash(replace(config, snr_db=(4.0, 20.0)), W, 2)
-
-
 def test_a_coarse_converter_leaves_its_levels():
     """Every frame through 1 to 8 bits: at most 256 values on a rail, and no example without a return in it."""
     config = replace(data.CONFIGS["used"], converter=1.0, counts=(1.0,))
@@ -96,12 +90,6 @@ def test_a_coarse_converter_leaves_its_levels():
         assert values.size <= 256
         assert abs(np.vdot(clean, received)) > 0.3 * np.linalg.norm(clean) * np.linalg.norm(received)
     assert min(levels) == 2
-
-
-def test_configurations_without_a_converter_keep_their_description():
-    """The recorded hash of the paper's set holds its description; a field added later must not change it."""
-    assert "converter" not in data.description(data.CONFIGS["paper"])
-    assert "converter" in data.description(data.CONFIGS["used"])
 
 
 # -- sweeps, frames without a return, recordings ----------------------------------------------------------------------

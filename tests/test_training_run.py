@@ -67,26 +67,6 @@ def test_a_stopped_run_goes_on_where_it_was(training, runs):
     assert steps == ["5", "10", "15", "20", "25", "30"]
 
 
-def test_two_processes_make_the_examples_of_one(training, runs):
-    folder, small = runs
-    status, _, errors = training(
-        "train.py", "compact_first", "--name", "two", "--steps", "25", "--workers", "2", *small
-    )
-    assert status == 0, errors
-    one, two = (
-        [row["validation_loss"] for row in csv.DictReader((folder / name / "log.csv").open())][:5]
-        for name in ("compact_first", "two")
-    )
-    assert len(two) == 5
-    assert [float(loss) for loss in one] == pytest.approx([float(loss) for loss in two], abs=2e-3)
-
-
-def test_no_process_that_makes_examples_is_one_line(training, runs):
-    status, _, errors = training("train.py", "compact_first", "--workers", "0", *runs[1])
-    assert status == 2
-    assert "--workers is 0" in errors.splitlines()[-1]
-
-
 def test_export_for_every_sweep_loads_and_is_the_same_network_at_its_own(training, root, tmp_path):
     """The weights of `tcae.onnx` in a graph that takes a sweep's tables: the same result but for rounding."""
     model = tmp_path / "any.onnx"
@@ -113,12 +93,6 @@ def test_the_shipped_network_is_what_its_weights_export_to(training, root, tmp_p
     )
     assert status == 0, errors
     assert model.read_bytes() == (root / "models/tcae.onnx").read_bytes()
-
-
-def test_doubling_is_a_transposed_convolution(training):
-    """One convolution for even and odd columns gives what the transposed one of the same weights does."""
-    status, said, errors = training("-c", DOUBLING)
-    assert status == 0 and float(said) < 1e-5, errors
 
 
 def test_a_faint_return_counts_by_decibels(training):
@@ -200,19 +174,6 @@ def test_the_authors_cnn_is_what_pytorchs_own_layers_give(training):
     assert int(parameters) == 2 * (200 * 64 + 200 * 64 * 64 + 200 * 64) + (64 + 64 + 1) * 2 + 5 + 6
 
 
-DOUBLING = """
-import sys
-sys.path[:0] = ["training", "python"]
-import torch
-from networks.layers import Doubling
-from torch import nn
-torch.manual_seed(5)
-layer = Doubling(6, 3)
-h = torch.randn(2, 6, 1, 9)
-print(float((layer(h, 18) - nn.ConvTranspose1d.forward(layer, h[:, :, 0])).abs().max()))
-"""
-
-
 def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     """`fc.onnx` stores int8; its training goes on from there."""
     folder, small = runs
@@ -220,22 +181,3 @@ def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     status, said, errors = training("train.py", "fc", "--steps", "1", *start, *small)
     assert status == 0, errors
     assert "starts from the weights of" in said
-
-
-DYING = """
-import multiprocessing, os, sys
-sys.path.insert(0, "training")
-import train
-queue = multiprocessing.Queue(1)
-worker = multiprocessing.Process(target=os._exit, args=(3,))
-worker.start()
-try:
-    train._take(queue, worker)
-except ChildProcessError as error:
-    print(error)
-"""
-
-
-def test_a_data_process_that_dies_is_not_waited_for(training):
-    _, said, errors = training("-c", DYING)
-    assert "ended with status 3" in said, errors

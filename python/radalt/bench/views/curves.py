@@ -8,7 +8,7 @@ from ...evaluation.results.style import series_style
 from ..paired import curves, level_db
 from ..rows import Row
 
-_PANELS = 9  # cases in the figure: the first ones; the table has all
+_PANELS = 15  # cases in the figure: the first ones; the table has all
 _LINES = 8  # entries in a panel
 
 
