@@ -22,7 +22,7 @@ _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (bench
 _SLOW_M_PER_S = 10.0  # vertical speed that almost no frame of a flight exceeds
 # so low a threshold that whatever is declared later is checked here
 _PFA = 20.0 * AltimeterSettings.pfa_per_frame
-# False alarms per frame at which a received frame has to show a weak peak: `_PFA` passes five times as many false returns.
+# False alarms per frame at which a received frame has to show a weak peak: `_PFA` passes five times as many.
 _WEAK_PFA = 5.0 * AltimeterSettings.pfa_per_frame
 
 
