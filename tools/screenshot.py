@@ -97,15 +97,16 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
 
     from radalt.core.scene import load_scene
     from radalt.evaluation.flowgraph.generate import Prepared, generate
+    from radalt.evaluation.flowgraph.live import StatusLine
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
     from radalt.evaluation.flowgraph.run import load_class
 
+    StatusLine._speed = lambda _: "simulated"  # nothing is dropped: how fast says nothing about the view
     load_scene(args.scene)  # a wrong one is refused before seconds of generating
     data = simulate(load_grc(FLOWGRAPHS / "ota_live.grc"), "ota_live_sim")
     start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
-    for step in SHOWS[
-        args.show
-    ]:  # controls display their start values, so they start at the values of the last step
+    # controls display their start values, so they start at the values of the last step
+    for step in SHOWS[args.show]:
         start |= {control: value for control, value in step.items() if control != "frame_segmenter"}
     for block in data["blocks"]:
         if block["name"] in start:
