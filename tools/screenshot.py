@@ -97,11 +97,9 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
 
     from radalt.core.scene import load_scene
     from radalt.evaluation.flowgraph.generate import Prepared, generate
-    from radalt.evaluation.flowgraph.live import StatusLine
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
     from radalt.evaluation.flowgraph.run import load_class
 
-    StatusLine._speed = lambda _: "simulated"  # nothing is dropped: how fast says nothing about the view
     load_scene(args.scene)  # a wrong one is refused before seconds of generating
     data = simulate(load_grc(FLOWGRAPHS / "ota_live.grc"), "ota_live_sim")
     start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
@@ -150,8 +148,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     from PyQt5 import Qt
 
-    from radalt.evaluation.flowgraph.live import SIZE
+    from radalt.evaluation.flowgraph.live import SIZE, StatusLine
 
+    StatusLine._speed = lambda _: "simulated"  # nothing is dropped: how fast says nothing about the view
     app = Qt.QApplication(sys.argv[:1])
     with tempfile.TemporaryDirectory() as folder:
         top = _build(args, Path(folder))
