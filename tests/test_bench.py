@@ -35,8 +35,6 @@ import numpy as np
 def mitigate(frames, waveform):
     return np.clip(frames.real, -20, 20) + 1j * np.clip(frames.imag, -20, 20)
 """
-
-
 LISTS = sorted(path.stem for path in find_list("standard").parent.glob("*.yaml"))
 
 
@@ -98,6 +96,7 @@ def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, pla
     ("page", "name", "view"),
     [
         ("methods", "standard", lambda rows, names: summary_table(summaries(rows, names))),
+        ("landing", "landing", lambda rows, names: summary_table(summaries(rows, names))),
         *(("detection", "detection", lambda rows, names, k=k: levels(rows, names[k])) for k in TEXTBOOK),
     ],
 )

@@ -162,8 +162,8 @@ class Integrity:
         """
         t = self.tables
         found = replace(found, power=before.power_at(found))
-        beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
-        if beside is not None and beside.strength >= self.received_threshold:
+        neighbour = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
+        if neighbour is not None and neighbour.strength >= self.received_threshold:
             if self._second(before, found, near_m):
                 return True
         return self._rival(before, found.power, here_m, near_m, self.received_threshold)
