@@ -13,6 +13,7 @@ from ..parsing import Settings, setting
 from ..waveform import Waveform
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
+_LOADING = 1e-7  # diagonal loading over the second channel's mean power: below every converter's noise
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
 _STANDS_OUT = (
     30.0  # power of a line over the cells next to it that is a return: noise reaches it in 1e-6 of frames
@@ -40,8 +41,6 @@ class CancelSettings(Settings, where="auxiliary_cancel"):
     """Polynomial in time that weights follow within a piece: 0 for antennas at rest."""
     conjugate: bool = False
     """Use the second channel's complex conjugate as well, at twice the cost: for images of front ends above -45 dB."""
-    loading_db: float = setting(-70.0, -120.0, 0.0)
-    """Diagonal loading relative to the second channel's power."""
     least_db: float = setting(0.5, 0.1, 20.0)
     """Least fall of a piece's power, below which it passes unchanged."""
     pieces: int = setting(1, 1, 512)
@@ -193,8 +192,8 @@ class AuxiliaryCancel:
         products = (rows.conj() @ rows.swapaxes(1, 2)).astype(np.complex128)
         products[~np.isfinite(products).all(axis=(1, 2))] = 0
         within, across = products[:, :-1, :-1], products[:, :-1, -1:]
-        eye, loading = np.eye(within.shape[1]), 10 ** (self.settings.loading_db / 10) / within.shape[1]
-        load = loading * np.trace(within, axis1=1, axis2=2).real + np.finfo(np.float32).tiny
+        eye = np.eye(within.shape[1])
+        load = _LOADING / len(eye) * np.trace(within, axis1=1, axis2=2).real + np.finfo(np.float32).tiny
         weights = np.linalg.solve(within + load[:, None, None] * eye, across)
         fall = (weights.conj() * (2 * across - within @ weights)).real.sum(axis=(1, 2))
         least = (1 - 10 ** (-self.settings.least_db / 10)) * (np.abs(first) ** 2).sum(axis=(1, 2))
