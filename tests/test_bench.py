@@ -96,6 +96,7 @@ def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, pla
     ("page", "name", "view"),
     [
         ("methods", "standard", lambda rows, names: summary_table(summaries(rows, names))),
+        ("error_vs_runtime", "runtime", lambda rows, names: summary_table(summaries(rows, names))),
         ("landing", "landing", lambda rows, names: summary_table(summaries(rows, names))),
         *(("detection", "detection", lambda rows, names, k=k: levels(rows, names[k])) for k in TEXTBOOK),
     ],
