@@ -16,6 +16,7 @@ from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import curves, paired
 from radalt.bench.rows import COLUMNS, read_rows, row_of
 from radalt.bench.views.cost import summaries, summary_table
+from radalt.bench.views.levels import levels
 from radalt.bench.views.null import false_altitudes
 from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
@@ -24,6 +25,9 @@ from radalt.evaluation.results.rows import bits, unbits
 
 SHIPPED = tuple(METHODS)  # before other tests name methods of their own
 SAME = [name for name in COLUMNS.names if name not in COLUMNS.timing]
+NAMED = ("qpsk_received 1 hybrid", "qpsk_rectangular 1 tcae", "nr5 1 tcae", "nr5 1 time_frequency")
+NAMED += ("nr10 1 ofdm_cancel", "mixture 0.3 blanking")
+TEXTBOOK = (slice(0, 6), slice(6, 9), slice(9, 11))  # columns of a table: without mitigation, whitening, tcae
 OPEN = ("standard", "ideal")  # lists without entries of their own: any method is compared there
 OWN = """
 import numpy as np
@@ -31,8 +35,6 @@ import numpy as np
 def mitigate(frames, waveform):
     return np.clip(frames.real, -20, 20) + 1j * np.clip(frames.imag, -20, 20)
 """
-
-
 LISTS = sorted(path.stem for path in find_list("standard").parent.glob("*.yaml"))
 
 
@@ -82,28 +84,26 @@ def test_stored_rows_are_of_their_list(name):
     assert all(row["seed"] in seeds[row["case"], row["overlap"]] for row in rows)
 
 
-@pytest.mark.parametrize(
-    ("case", "overlap", "entry"),
-    [
-        ("qpsk_received", 1.0, "hybrid"),
-        ("qpsk_rectangular", 1.0, "tcae"),
-        ("nr5", 1.0, "tcae"),
-        ("nr5", 1.0, "time_frequency"),
-        ("nr10", 1.0, "ofdm_cancel"),
-        ("mixture", 0.3, "blanking"),
-    ],
-)
-def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, case, overlap, entry):
-    rows = read_rows(stored_rows("standard"))
-    at = break_point_of(curves(rows)[case, overlap][entry])
+@pytest.mark.parametrize("place", NAMED)
+def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, place):
+    case, overlap, entry = place.split()
+    at = break_point_of(curves(read_rows(stored_rows("standard")))[case, float(overlap)][entry])
     page = (root / "docs/methods.md").read_text("utf-8")
     assert f"{at.sir_db:.0f} dB ({at.low_db:.0f} to {at.high_db:.0f})" in page
 
 
-def test_the_page_of_methods_has_the_table_of_the_stored_rows(root):
-    rows = read_rows(stored_rows("standard"))
-    made = summary_table(summaries(rows, list(dict.fromkeys(row["entry"] for row in rows))))
-    assert made in (root / "docs/methods.md").read_text("utf-8")
+@pytest.mark.parametrize(
+    ("page", "name", "view"),
+    [
+        ("methods", "standard", lambda rows, names: summary_table(summaries(rows, names))),
+        ("landing", "landing", lambda rows, names: summary_table(summaries(rows, names))),
+        *(("detection", "detection", lambda rows, names, k=k: levels(rows, names[k])) for k in TEXTBOOK),
+    ],
+)
+def test_a_page_has_the_table_of_the_stored_rows(root, page, name, view):
+    rows = read_rows(stored_rows(name))
+    made = view(rows, list(dict.fromkeys(row["entry"] for row in rows)))
+    assert made in (root / f"docs/{page}.md").read_text("utf-8")
 
 
 def test_stored_rows_can_be_measured_again():
@@ -241,17 +241,14 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(
     line = verdict(mine, theirs, "mine").splitlines()[0]
     assert line.startswith("mine: ahead of the best shipped method in 0 of 1 case")
     assert "wrong and valid" in line and "FFTs per frame" in line
-    with pytest.raises(InputError, match="cannot be compared"):
-        check_rows([row | {"digest": "0"} for row in mine], theirs)
-    with pytest.raises(InputError, match="seed or frames differ"):
-        check_rows([row | {"seed": 1} for row in mine], theirs)
+    unlike = ({"digest": "0"}, "cannot be compared"), ({"seed": 1}, "seed or frames differ")
+    for wrong, said in (*unlike, ({"right": "ff"}, "at most 1 % may")):
+        with pytest.raises(InputError, match=said):
+            check_rows([row | wrong for row in mine], theirs)
     assert ended(command.main, *words, "--stored", "--against", stored, "--out", tmp_path / "d") == (0, "")
     assert (tmp_path / "d" / "rows.csv").read_bytes() == stored.read_bytes()
     status, said = ended(command.main, *words, *own, "--frames", "9", "--out", tmp_path / "c")
     assert status == 2 and "rows of another list, or of other --frames" in said
-    flipped = [row | {"right": bits(~unbits(row["right"], 8))} for row in mine]
-    with pytest.raises(InputError, match="at most 1 % may"):
-        check_rows(flipped, theirs)
 
 
 @pytest.mark.parametrize("emitter", [{"nr": {"evm": "typical", "free_running": True}}, {"qpsk": {}}])

@@ -261,10 +261,11 @@ class PairSearch:
         apart = np.arange(least, most + 1)[:, None]
         off = np.arange(-int(3.0 * near), int(3.0 * near) + 1)
         twice = at.sum(axis=1)[:, None, None] + apart + off  # twice the up point
-        ups, downs = twice // 2, twice // 2 - apart
-        there = (twice % 2 == 0) & (ups >= 0) & (ups < count) & (downs >= 0) & (downs < count)
-        n = n[..., None]
-        weight = np.where(there, up[n, _within(ups, count)] * down[n, _within(downs, count)], 0.0)
+        ups = twice >> 1
+        up_at, down_at = _within(ups, count), _within(ups - apart, count)
+        there = (twice & 1 == 0) & (up_at == ups) & (down_at == ups - apart)
+        first = 2 * count * n[..., None]
+        weight = np.where(there, each.take(first + up_at) * each.take(first + count + down_at), 0.0)
         by_off, by_apart = weight.sum(axis=1), np.where(np.abs(off) <= 2.0 * near, weight, 0.0).sum(axis=2)
         peak = np.where(np.abs(off) <= 2.0 * near, by_off, 0.0)
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -19,7 +19,6 @@ from .ofdm.tone_removal import without_tones
 from .ofdm.tracking import TrackingState, grid_of, next_state, tracked
 from .outcome import PASSED, Outcome
 
-_PRICED = 7500  # samples of the frame for which steps are priced
 _TINY = float(np.finfo(np.float32).tiny)
 _LOOK_FFTS = 5.0  # price of a look for a return, or for a prefix
 
@@ -145,7 +144,7 @@ class OfdmCancel(Mitigation):
         if out is None and search and self._may_search():
             out = self._search(frame, level, visibility)
         spent = self._ffts + sum(receiver.ffts for receiver in self._receivers.values())
-        spent *= frame.size / _PRICED
+        spent *= frame.size / 7500  # samples of the frame for which steps are priced
         if out is None:
             self.outcome = Outcome("passed", ffts=spent)
         else:

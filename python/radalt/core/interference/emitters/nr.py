@@ -96,8 +96,8 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
 class NrEmitter(NamedEmitter, NrConfig):
     """An NR downlink carrier behind the radar's receiver filter: emitter protocol.
 
-    A transmission has a uniform start and carrier phase in a cached signal of `frame_count` frames that repeats without
-    a seam. Mean power over that signal is 1 after the filter.
+    A transmission has a uniform start and carrier phase in a cached signal of `frame_count` frames that repeats
+    without a seam. Mean power over that signal is 1 after the filter.
     """
 
     scene_name: ClassVar[str] = "nr"

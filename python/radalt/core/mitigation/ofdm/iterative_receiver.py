@@ -21,7 +21,7 @@ from .numerology import Numerology
 from .phase_timing import correct_phase, retimed, timing_drift
 from .reconstruction import blanked, modulate, sent_elements
 from .return_estimation import ReturnEstimator
-from .return_fit import MaskedPoints, ReturnFit
+from .return_fit import RESIDUE, MaskedPoints, ReturnFit
 from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper, SoftSymbols
 
@@ -30,7 +30,6 @@ ITERATION_FFTS = 31.0
 _SAMPLED = 7  # decimation of resource blocks in the first noise estimate
 # penalty on the spread of the log error between regions, nats per neper: a false lock fits some and fails in others
 _UNEVEN_PENALTY = 0.05
-_RESIDUE = np.float32(0.02)  # of a known return's power: it is no exact tone
 _LEAST = np.float32(1e-9)  # of the channel's power, that of a frame being 1: a divisor
 # half the distance of 256QAM's points, squared (TS 38.211 clause 5.1.5); returns louder than that of 64QAM are visible
 _DISTANCE_256QAM, _RARE = 1.5 / 255, 0.1  # and its share of the elements, from which it counts
@@ -39,63 +38,29 @@ _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 @dataclass(frozen=True)
 class KnownReturn:
-    """What is known of the return before decisions.
+    """What is known of the return before decisions."""
 
-    Attributes
-    ----------
-    elements : (L, K) complex64
-        Its part of the elements, before timing is corrected.
-    uncertainty : (L, 1) float32
-        Error of its power over its power, in each symbol.
-    everywhere : bool
-        Whether it is known so well that masked elements serve as the others do.
-    """
-
-    elements: np.ndarray
-    uncertainty: np.ndarray
-    everywhere: bool
+    elements: np.ndarray  # (L, K) complex64: its part of them, before timing is corrected
+    uncertainty: np.ndarray  # (L, 1) float32: error of its power over its power, in each symbol
+    everywhere: bool  # whether it is known so well that masked elements serve as the others do
 
 
 @dataclass(frozen=True)
 class Reception:
-    """A frame as it was demodulated.
+    """A frame as it was demodulated."""
 
-    Attributes
-    ----------
-    channel : (1, K) or (L, K) complex64
-    used : (K,) bool
-    phase : (L, 1) complex64
-        Factors that took out the symbols' phases.
-    elements : (L, K) complex64
-        Received, timing and phase corrected, known return included.
-    noise : (L, K) float32
-    soft : SoftSymbols
-    model : str
-        Of the channel.
-    relative_noise : float
-        Noise over the emitter's power.
-    gain : float
-        Nats per element over a Gaussian of the same power in each subcarrier: 0 for noise.
-    score : float
-        ``gain`` less a penalty for noise that is uneven over the frame, by which channel models are compared.
-    ramp : (L, K) complex64
-        Timing correction that belongs to it.
-    return_power : float
-        Of the return in its elements, if it is unknown.
-    """
-
-    channel: np.ndarray
-    used: np.ndarray
-    phase: np.ndarray
-    elements: np.ndarray
-    noise: np.ndarray
+    channel: np.ndarray  # (1, K) or (L, K) complex64
+    used: np.ndarray  # (K,) bool
+    phase: np.ndarray  # (L, 1) complex64 factors that took out the symbols' phases
+    elements: np.ndarray  # (L, K) complex64 received, timing and phase corrected, known return included
+    noise: np.ndarray  # (L, K) float32
     soft: SoftSymbols
-    model: str
-    relative_noise: float
-    gain: float = 0.0
-    score: float = 0.0
-    ramp: np.ndarray | None = None
-    return_power: float = 0.0
+    model: str  # of the channel
+    relative_noise: float  # over the emitter's power
+    gain: float = 0.0  # nats per element over a Gaussian of the same power in each subcarrier: 0 for noise
+    score: float = 0.0  # gain less a penalty for uneven noise, by which channel models are compared
+    ramp: np.ndarray | None = None  # (L, K) complex64: timing correction that belongs to it
+    return_power: float = 0.0  # of the return in its elements, if it is unknown
 
 
 @dataclass
@@ -120,7 +85,7 @@ class _Elements:
 
     def doubt(self, return_power: np.float32) -> np.ndarray | np.float32:
         """Power of the return that is left in masked elements: what is uncertain of it, or all if it is unknown."""
-        return return_power if self.back is None else (self.uncertainty + _RESIDUE) * power(self.back)
+        return return_power if self.back is None else (self.uncertainty + RESIDUE) * power(self.back)
 
     def retime(self, factor: np.ndarray) -> None:
         """Multiply by (L, K) or (L, 1) factors."""
@@ -136,10 +101,7 @@ class _Elements:
 class IterativeReceiver:
     """Receiver for one numerology.
 
-    Attributes
-    ----------
-    ffts : float
-        Cost of the frame so far in FFTs of 7,500 points, by the steps that were taken.
+    ``ffts``: cost of the frame so far in FFTs of 7,500 points, by the steps that were taken.
     """
 
     def __init__(self, numerology: Numerology, returns: ReturnEstimator, settings: OfdmSettings) -> None:
@@ -221,20 +183,11 @@ class IterativeReceiver:
     ) -> Reception:
         """Soft decisions, noise, phases, timing and channel in turns, at most ``iterations`` times.
 
-        Parameters
-        ----------
-        grid : ElementGrid
-        free : (L, K) bool
-            Return-free elements.
-        start : ChannelStart or Reception
-            Channel, phases and noise to begin with, and the channel's model.
-        iterations : int
-            0 decides once, and estimates the channel once.
-        known : KnownReturn or None
-        acquiring : bool
-            Whether the channel is still rough, so that it is averaged widely at first.
-        memory : float
-            Weight of the static channel of the iteration before, in symbols of median noise.
+        - ``free`` (L, K) bool: return-free elements
+        - ``start``: channel, phases and noise to begin with, and the channel's model
+        - ``iterations``: 0 decides once, and estimates the channel once
+        - ``acquiring``: whether the channel is still rough, so that it is averaged widely at first
+        - ``memory``: weight of the static channel of the iteration before, in symbols of median noise
         """
         channel, used, noise, model = start.channel, start.used, start.noise, start.model
         estimator = ChannelEstimator(self._s)

@@ -22,8 +22,8 @@ _LOADING = 1e-6  # two tones less than a bin apart make the equations nearly sin
 def without_tones(frame: np.ndarray) -> np.ndarray | None:
     """An (N,) complex64 frame less its tones, at most eight; None if it has none, or lines that are no steady tones.
 
-    A wide signal's power is shared by thousands of bins, a tone's is in one. So a tone of a hundredth of that power can
-    be seen and fitted.
+    A wide signal's power is shared by thousands of bins, a tone's is in one. So a tone of a hundredth of that power
+    can be seen and fitted.
     """
     lines = _lines(frame)
     if not 0 < lines.size <= _MOST:
