@@ -69,17 +69,17 @@ def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
 
     air = uhd_double.Air()
     send, received = air.send, air.receive
-    heard = [0]
+    given = [0]
 
     def send_ahead(device: str, samples: np.ndarray) -> None:
         # a transmitter sends at the sample rate: the double's not more than 100 frames ahead of the receiver
-        while air.sent[device].size > heard[0] + 100 * 7500 and not air.ended:
+        while air.sent[device].size > given[0] + 100 * 7500 and not air.ended:
             time.sleep(0.001)
         send(device, samples)
 
     def receive(first: int, count: int) -> np.ndarray:
         out = received(first, count)
-        heard[0] = first + out.size
+        given[0] = first + out.size
         return out
 
     air.send, air.receive = send_ahead, receive

@@ -250,10 +250,10 @@ def test_a_subscriber_that_never_reads_slows_nothing(loop):
         dead.subscribe(b"")
         dead.connect(endpoints["telemetry"])
         first = client.request("get")
-        heard = results(client, 1.5)
+        received = results(client, 1.5)
         last = client.request("get")
     assert last["frames"]["none"] > first["frames"]["none"]
-    assert len(heard) > 100
+    assert len(received) > 100
     assert last["published"] > first["published"]
 
 
