@@ -252,7 +252,6 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(
     assert status == 2 and "rows of another list, or of other --frames" in said
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("emitter", [{"nr": {"evm": "typical", "free_running": True}}, {"qpsk": {}}])
 def test_every_method_gives_through_the_flowgraph_what_it_gives_here(tmp_path, emitter):
     """To the bit, on a transmission that goes on and on frames drawn anew, with returns drawn per frame."""
