@@ -63,7 +63,7 @@ class PairSearch:
     cell_threshold: float
     pair_threshold: float
     spare: float
-    """Decrease of the pair threshold per unit of `Significance.spared`: 1 per cell searched, 2 per pair of cells."""
+    """Decrease of the pair threshold per unit of `Significance.uncounted`: 1 per cell searched, 2 per pair of cells."""
     flank: float  # ratio of the power half a resolution cell away to a cell's own that no peak reaches
     side_lobes: np.ndarray  # (J,) float: greatest side lobe by distance in cells
     outshining: bool  # whether a strongest cell beyond the span of altitudes is taken for the return
@@ -128,7 +128,7 @@ class PairSearch:
 
     def threshold(self, cells: Significance) -> np.ndarray:
         """(n,) what the sum of both halves' significance has to exceed where noise lasts without a gap."""
-        return self.pair_threshold - self.spare * cells.spared
+        return self.pair_threshold - self.spare * cells.uncounted
 
     def _single(self, cells: Significance) -> np.ndarray:
         """(n,) bool: whether each half sweep shows a cell above the threshold for one."""
@@ -171,7 +171,7 @@ class PairSearch:
         each, own = self._against_span(power, cells, at, peak)
         # support alone spares once; more is for noise that is known to last without a gap
         shared = 0.5 * ((1.0 - cells.colour) * self.cfar.shared(power, at)).sum(axis=1)
-        fall = cells.spared + (self.spare - 1.0) * np.clip(shared, 0.0, cells.spared)
+        fall = cells.uncounted + (self.spare - 1.0) * np.clip(shared, 0.0, cells.uncounted)
         threshold = self.pair_threshold - np.where(own, 0.0, fall)
         return (each.sum(axis=1) > threshold) & (each >= FLOOR).all(axis=1)
 

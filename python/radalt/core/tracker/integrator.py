@@ -2,7 +2,7 @@
 
 Each half sweep's power is divided by its noise level and compressed to ``log(1 + x)`` before it is summed. In
 exponential noise that costs 0.3 dB of sensitivity against the plain sum. In return no single frame decides a block,
-however strong its peak: what a method invents in one frame of forty is outvoted.
+however strong its peak: a false return in one frame of forty is outvoted.
 """
 
 import numpy as np
