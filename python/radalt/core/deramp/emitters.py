@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy import fft
 
 from ..fir import kaiser_lowpass
 from ..interference.transmission import Signal, begin
@@ -32,6 +33,14 @@ def interference_if(waveform: IfWaveform, emitter: Emitter, count: int, first: i
     for i in range(count):
         out[i] = waveform.filtered(emitter.mixed(waveform, (first + i) * waveform.sweep_s))
     return out
+
+
+def delayed_if(waveform: IfWaveform, frames: np.ndarray, delay_s: float) -> np.ndarray:
+    """(n, N) complex64 IF frames of an emitter that is received a delay later: y(t - d) LO(t - d) conj LO(t)."""
+    w, t = waveform, waveform.sample_times_s
+    cycles = w.phase_cycles(t - delay_s) - w.phase_cycles(t) - w.carrier_hz * delay_s
+    shift = exp_cycles(-fft.fftfreq(w.samples_per_frame, 1 / w.rate_hz) * delay_s)
+    return fft.ifft(fft.fft(frames, axis=1) * shift, axis=1) * exp_cycles(cycles)
 
 
 def _crossing(
