@@ -1,9 +1,9 @@
 """Runs gnuradio-companion itself, has it draw flowgraphs, and prints as JSON what it shows; no test, used by them.
 
-Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run] [--picture FILE] FLOWGRAPH.grc ...`.
+Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run COUNT] [--picture FILE] FLOWGRAPH.grc ...`.
 
---run executes the first flowgraph as the button does and adds what the companion's console then holds; Python is
-generated next to the flowgraph. --picture saves the first flowgraph as the companion's Screen Capture does.
+--run executes the first flowgraphs as the button does, one after the other, and adds what the companion's console says
+of each; Python is generated next to them. --picture saves the first flowgraph as the companion's Screen Capture does.
 """
 
 import argparse
@@ -91,41 +91,46 @@ def finish(report: dict) -> None:
     os._exit(0)  # the companion would ask what to do with open pages
 
 
-def executed(page, window, report: dict) -> bool:
-    """Called by the main loop until the flowgraph has ended."""
-    if page.process is not None:
-        return True
-    text = window.console.text_display.get_buffer()
-    finish(report | {"console": text.get_text(*text.get_bounds(), False)})
-    return False
+def executions(pages: list, window, report: dict):
+    """Runs each page's flowgraph, and keeps what the console says of it; the main loop asks for the next step."""
+    from gnuradio.grc.gui import Actions
+
+    text, before = window.console.text_display.get_buffer(), 0
+    for page in pages:
+        window.current_page = page
+        Actions.FLOW_GRAPH_EXEC()
+        yield
+        while page.process is not None:
+            yield
+        said = text.get_text(*text.get_bounds(), False)
+        report["consoles"].append(said[before:])
+        before = len(said)
+    finish(report)
 
 
-def probe(run: bool, picture: str) -> bool:
+def probe(run: int, picture: str) -> bool:
     """Called by the companion's own main loop until its window is on the screen: print, then quit."""
     from gi.repository import GLib, Gtk
-    from gnuradio.grc.gui import Actions, Utils
+    from gnuradio.grc.gui import Utils
 
     window = Gtk.Application.get_default().main_window
     title = window.get_title()
     if not windows(title.split(" ")[0]):
         return True  # not mapped yet: called again
-    report = {"title": title, "pages": []}
+    report = {"title": title, "pages": [], "consoles": []}
     for page in window.get_pages():
         window.current_page = page
         report["pages"].append(described(page))
     if picture:
         Utils.make_screenshot(window.get_pages()[0].flow_graph, picture)
-    if not run:
-        finish(report)
-    window.current_page = window.get_pages()[0]
-    Actions.FLOW_GRAPH_EXEC()
-    GLib.timeout_add(200, executed, window.current_page, window, report)
+    steps = executions(window.get_pages()[:run], window, report)
+    GLib.timeout_add(200, lambda: next(steps) is None)
     return False
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--run", action="store_true")
+    parser.add_argument("--run", type=int, default=0)
     parser.add_argument("--picture", default="")
     parser.add_argument("flowgraphs", nargs="+")
     arguments = parser.parse_args()

@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 
 from radalt.core.scene import Scene, scene_to_mapping
+from radalt.evaluation.results.figure import save_figure
 
 MOST = 300  # characters of the one line
 
@@ -38,8 +39,7 @@ def draw_nothing(patch) -> None:
         for kind in (".png", ".pdf", ".svg"):
             path.with_suffix(kind).write_text("<svg></svg>")
 
-    for room in ("evaluation.overlap", "studies.integrity", "studies.landing"):
-        patch.setattr(f"radalt.{room}.figures.save_figure", write)
+    patch.setattr(save_figure, "__code__", write.__code__)  # whoever has imported it, or will
 
 
 def assert_refused(status: int, error: str) -> None:

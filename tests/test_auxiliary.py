@@ -85,18 +85,17 @@ def test_taps_deepen_the_null_and_a_longer_path_difference_needs_more():
     assert depth_db(1.07e-6, 10e-9) > depth_db(0.5e-6, 10e-9) > 28.0
 
 
-@pytest.mark.parametrize("stated_db", [10.0, 20.0, 40.0])
-@pytest.mark.parametrize("true_db", [0.0, 6.0, 10.0, 12.0, 20.0, 40.0])
+@pytest.mark.parametrize("stated_db", [10.0, 40.0])
+@pytest.mark.parametrize("true_db", [0.0, 6.0, 12.0, 40.0])
 def test_an_emitter_in_the_beam_makes_nothing_wrong_whatever_isolation_is_stated(true_db, stated_db):
-    wrong, before = [], []
+    before, after = [], []
     for kind, sir_db in (("nr", -12.0), ("nr", -25.0), ("nr", -40.0), ("qpsk", -40.0)):
         scene = two_channels(kind, 12, sir_db, {"isolation_db": stated_db}, **in_beam(true_db))
         canceller, first, second, truth_m = measured(scene)
         before.append(judged(first, truth_m))
-        wrong.append(judged(canceller.process(first, second), truth_m))
-    before, after = np.array(before), np.array(wrong)
-    assert (after[:, 1] <= before[:, 1]).all()
-    assert (after[:, 0] >= before[:, 0] - 0.1).all()
+        after.append(judged(canceller.process(first, second), truth_m))
+    right, wrong = (np.array(after) - before).T
+    assert (wrong <= 0).all() and (right >= -0.1).all()
 
 
 @pytest.mark.parametrize(("true_db", "works"), [(0.0, False), (8.0, False), (12.0, True), (20.0, True)])
@@ -183,15 +182,6 @@ def test_the_second_channel_is_cut_at_the_frames_of_the_first_across_lost_sample
     assert segmenter.counters["discontinuities"] == (3 if tagged else 0) and cut > 30
 
 
-def test_every_method_gets_frames_behind_the_canceller_in_the_direct_path():
-    scene = two_channels(frames=12)
-    one = dataclasses.replace(scene, auxiliary=None)
-    pd = [
-        np.mean(run_chain(s, ("none", "whitening")).results["whitening"]["valid"][8:]) for s in (one, scene)
-    ]
-    assert pd[0] < 0.3 and pd[1] == 1.0
-
-
 def test_directions_add_up_to_the_sir_and_each_has_its_own_gain():
     scene = parse_scene(
         {
@@ -203,21 +193,6 @@ def test_directions_add_up_to_the_sir_and_each_has_its_own_gain():
     both, _ = radalt.simulate(scene, sir_db=-30.0, frames=20, auxiliary=True)
     power_db = 10 * np.log10(np.mean(np.abs(both) ** 2, axis=(0, 2)))
     np.testing.assert_allclose(power_db, [30.0, 30.0 - 10.4 + 6.0], atol=0.3)
-
-
-@pytest.mark.parametrize(
-    ("changes", "line"),
-    [
-        ({"auxiliary": {"directions": [{}, {}]}}, "auxiliary.directions has 2 entries for 1 interferers"),
-        ({"auxiliary": {"directions": []}}, "auxiliary.directions is empty"),
-        ({"auxiliary": {}, "channel": {"adc_bits": 12}}, "convert twice; set one of them to 0"),
-        ({"auxiliary_cancel": {"isolation_db": 3.0}}, r"isolation_db is 3; it has to be within 10\.\.60"),
-        ({"auxiliary_cancel": {"reach_s": 9e-6}}, r"reach_s is 9e-06; it has to be within 0\.\.2e-06"),
-    ],
-)
-def test_what_does_not_fit_gets_one_line(changes, line):
-    with pytest.raises(SceneError, match=line):
-        parse_scene({"interference": {"tones": {}}} | changes)
 
 
 def test_a_scene_with_one_channel_has_no_second():

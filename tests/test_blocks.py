@@ -367,14 +367,6 @@ def test_altitude_by_hand_without_tags_is_one_line_that_names_the_remedy(capfd):
     assert "frame_segmenter.follow(chirp_source.sent), follow_programme False" in line
 
 
-def test_a_blocks_ring_writes_no_line(capfd):
-    scene = scene_of(interference=None)
-    made = [radalt.fmcw_chirp_source(scene), radalt.frame_segmenter(scene), radalt.mitigation(scene, "none")]
-    assert "buffer" not in "".join(capfd.readouterr())
-    made[1].logger.info("levels stay as they were")
-    assert [block.log_level() for block in made] == [gr.sync_block("x", None, None).log_level()] * 3
-
-
 def test_a_search_that_ends_at_the_programme_is_one_line(capfd):
     """Samples of the user's own: the scene flies 1 m, and 20 m, a resolution cell, are searched."""
     scene = scene_of(interference=None, altitude={"programme_m": [1.0]})
@@ -569,20 +561,6 @@ def test_mitigation_can_be_swapped_and_configured():
     assert block.status()["method"] == "nlms"
     with pytest.raises(ValueError, match="unknown mitigation method 'magic'"):
         block.set_method("magic")
-
-
-def test_tcae_block_is_the_model_and_is_the_same_in_any_chunks():
-    scene = scene_of()
-    frames, tags, _ = frames_with_tags(8)
-    span_m = scene.altimeter_settings.max_altitude_m
-    expected = create("tcae", scene.waveform, max_altitude_m=span_m).process(frames[:1])
-    outputs = []
-    for seed in (None, 1):
-        sink = Collect(N)
-        run(Ragged(frames, seed, tags), radalt.tcae(scene), sink)
-        outputs.append(sink.data)
-    assert outputs[0].tobytes() == outputs[1].tobytes()
-    np.testing.assert_allclose(outputs[0][:1], expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", [None, 1])

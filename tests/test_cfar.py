@@ -74,7 +74,7 @@ WIDE = Waveform(bandwidth_hz=150e6, sweep_s=0.1e-3, rate_hz=150e6)  # cells of 1
 
 
 @pytest.mark.parametrize(
-    ("waveform", "top_m", "count"), [(W, 1500.0, 2000), (WIDE, 2500.0, 1500)], ids=["7.5 MHz", "150 MHz"]
+    ("waveform", "top_m", "count"), [(W, 1500.0, 2000), (WIDE, 2500.0, 800)], ids=["7.5 MHz", "150 MHz"]
 )
 def test_a_frame_of_noise_has_an_altitude_as_rarely_whatever_the_sweep(waveform, top_m, count):
     """The default's 0.0155 per frame, over 75 cells of 20 m and over 2,500 of 1 m."""
@@ -215,12 +215,3 @@ def test_a_strong_return_is_not_taken_for_colour():
     assert np.median(cfar.significance(power, np.ones((200, 2))).looks) > 150
     # nor are its surroundings: what is left of white noise is as white as all of it
     assert cfar.colour_beyond(power, np.ones((200, 2)), np.full((200, 2), 80)).mean() < 0.06
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [({"train": 1}, "cfar.train 1 has to be at least 2"), ({"guard": -1}, "cfar.guard -1 at least 0")],
-)
-def test_impossible_settings_are_refused(values, said):
-    with pytest.raises(ValueError, match=said):
-        Cfar(**values)

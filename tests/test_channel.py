@@ -266,18 +266,6 @@ def test_leakage_and_landing_gear_stand_at_their_distances():
     assert power_db(received - expected) < power_db(expected) - 25.0  # as of a true delay, above
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"leakage_db": 0.0, "leakage_m": -1.0}, "channel.leakage_m is -1; it has to be within 0..100"),
-        ({"gear_db": 6.0}, "channel.gear_db 6 needs channel.leakage_db"),
-    ],
-)
-def test_impossible_leakage_is_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
-        ChannelSettings(**settings)
-
-
 def test_paths_of_the_return_come_behind_the_first():
     x, time = np.zeros(FRAMES * N, np.complex64), np.arange(FRAMES * N)
     x[4 * N] = 1.0
@@ -362,15 +350,15 @@ def test_a_delay_does_not_depend_on_the_length_of_the_blocks():
     ],
     ids=["latency with a fraction", "whole latency", "gaps", "another clock", "true delay", "multipath"],
 )
-@pytest.mark.parametrize("heard", [True, False], ids=["jammer", "no jammer"])
-def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(settings, more, heard, sweep_s):
+@pytest.mark.parametrize("noisy", [True, False], ids=["jammer", "no jammer"])
+def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(settings, more, noisy, sweep_s):
     w = Waveform(sweep_s=sweep_s)
     n, frames = w.samples_per_frame, 80
     # sweeps that repeat, change within a call, and change with every frame
     altitudes = [0.0] * 10 + [300.0] * 7 + [120.0] * 31 + [float(a) for a in range(100, 132)]
     sent = np.concatenate([w.beat_shifted(a) for a in altitudes])
     rng = np.random.default_rng(5)
-    jammer = rng.standard_normal(2 * sent.size).astype(np.float32).view(np.complex64) if heard else None
+    jammer = rng.standard_normal(2 * sent.size).astype(np.float32).view(np.complex64) if noisy else None
 
     def received(frames_per_call: list[int], in_place: bool) -> list[np.ndarray]:
         channel = SimulatedChannel(w, settings, seed=4, frames=frames, **more)
@@ -396,29 +384,3 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
 
 def made(**settings):
     return SimulatedChannel(W, ChannelSettings(**settings), frames=60)
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: ChannelSettings(adc_bits=20), "channel.adc_bits is 20; it has to be within 0..16"),
-        (lambda: ChannelSettings(full_scale=0.0), "channel.full_scale is 0"),
-        (lambda: ChannelSettings(start_offset_samples=-1.0), "channel.start_offset_samples is -1"),
-        (
-            lambda: ChannelSettings(jammer_clock_ppm=200.0),
-            "jammer_clock_ppm is 200; it has to be within -100..100",
-        ),
-        (lambda: ChannelSettings(jammer_delay_samples=-3.0), "channel.jammer_delay_samples is -3"),
-        (lambda: DropSettings(3, 200, 100), "min_samples 200 <= max_samples 100"),
-        (lambda: made(start_offset_samples=3.5), "below the kernel's 64"),
-        (
-            lambda: made(start_offset_samples=0, jammer_clock_ppm=1.0),
-            "1 .* start_offset_samples 0 leaves no room",
-        ),
-        (lambda: made(drops=DropSettings(50)), "50 gaps do not fit a run of 60 frames"),
-        (lambda: SimulatedChannel(W).process(np.zeros(10, np.complex64)), "blocks of 7500 samples"),
-    ],
-)
-def test_impossible_channels_are_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()

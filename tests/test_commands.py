@@ -157,8 +157,8 @@ def test_line_of_a_program_is_accepted(line, request, desk, monkeypatch, capsys)
     program = Path(script).stem
     monkeypatch.syspath_prepend(str(ROOT / "flowgraphs"))
     stop = STOP.get(program)
-    # recordings and clusters are other tests' business, and plugins those of test_extending; many models load slowly
-    others = {"--replay", "--scheduler", "--models"} & set(arguments) or "clipper" in line
+    # recordings and clusters are other tests' business, and plugins those of test_extending; models load slowly
+    others = {"--replay", "--scheduler"} & set(arguments) or "clipper" in line or program == "stability"
     if stop and not others:
         ends = "--check" in arguments or stop in arguments
         options = arguments if ends else [*arguments, stop]

@@ -36,7 +36,7 @@ def emitter(name):
     return parse_scene({"interference": EMITTERS[name]}).interference[0].emitter
 
 
-@pytest.mark.parametrize("overlap", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("overlap", [0.05, 1.0])
 @pytest.mark.parametrize("name", list(EMITTERS))
 def test_interference_at_10_db_is_missed_in_less_than_one_of_a_thousand(name, overlap):
     rng = np.random.default_rng(7)
@@ -79,7 +79,7 @@ def test_a_return_in_white_noise_is_seen_as_that(snr_db):
 
 
 @pytest.mark.parametrize("sir_db", [-5.0, -50.0])
-@pytest.mark.parametrize("overlap", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("overlap", [0.1, 1.0])
 @pytest.mark.parametrize("name", ["qpsk", "tones", "pulses", "nr"])
 def test_interference_with_room_beside_it_is_not_white(name, overlap, sir_db):
     rng = np.random.default_rng(13)

@@ -10,9 +10,7 @@ import yaml
 from waiting import ran_python
 
 from radalt.core.deramp.profile import load_profile
-from radalt.core.parsing import arguments, build
-
-pytestmark = pytest.mark.timeout(150)
+from radalt.studies.tolerance import command as tolerance
 
 EXAMPLES = ("interferer", "method", "radio", "study")
 PLUGINS = EXAMPLES[:3]  # a study is run, not registered
@@ -48,39 +46,6 @@ def written(folder, **scene):
     return str(path)
 
 
-CHECKED_ONLY = """
-from __future__ import annotations
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-if TYPE_CHECKING:
-    import numpy as np
-    from nowhere import Taps
-
-class Method:
-    def __init__(self, waveform: Waveform, *, taps: Taps = 1, order: int = 2, more: list[np.ndarray] | None = None): ...
-
-@dataclass(frozen=True)
-class Emitter:
-    taps: Taps = 1
-    order: int = 2
-"""
-
-
-def test_annotations_for_type_checkers_alone_convert_nothing(tmp_path, monkeypatch):
-    """A plugin's options are read all the same, those that can be converted as ever."""
-    (tmp_path / "checked_only.py").write_text(CHECKED_ONLY)
-    monkeypatch.syspath_prepend(tmp_path)
-    import checked_only
-
-    given = {"taps": "as it is", "order": "3"}
-    assert arguments(checked_only.Method, given | {"more": [1]}, "it") == given | {"order": 3, "more": [1]}
-    assert build(checked_only.Emitter, given, "it") == checked_only.Emitter("as it is", 3)
-    for read in (arguments, build):
-        owner = checked_only.Method if read is arguments else checked_only.Emitter
-        with pytest.raises(ValueError, match="it.order is 'x'; expected a whole number"):
-            read(owner, {"order": "x"}, "it")
-
-
 def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, outside, tmp_path):
     folder, env = outside
     scene = written(
@@ -108,10 +73,10 @@ def test_method_has_its_style_in_figures_and_computes_in_a_process_of_its_own(ou
         "from radalt.core.waveform import Waveform\n"
         "w = Waveform()\n"
         "frames = np.stack([w.beat_shifted(a) for a in (100.0, 300.0)])\n"
-        "beside = OwnProcess('clipper', w)\n"
-        "assert beside.process(frames).tobytes() == create('clipper', w).process(frames).tobytes()\n"
+        "apart = OwnProcess('clipper', w)\n"
+        "assert apart.process(frames).tobytes() == create('clipper', w).process(frames).tobytes()\n"
         "style = series_style('clipper', ['none', 'clipper'])\n"
-        "print(beside.status()['method'], *(style[k] for k in ('label', 'color', 'marker', 'linestyle')))"
+        "print(apart.status()['method'], *(style[k] for k in ('label', 'color', 'marker', 'linestyle')))"
     )
     done = run(env, "-c", code)
     assert (done.returncode, done.stdout.strip()) == (0, "clipper clipper #5D3A9B p :"), done.stderr
@@ -131,7 +96,7 @@ def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
     assert "radio.radar_tx_gain_db is 40; it has to be within 0..31.5" in refused.stderr
 
 
-def test_altimeter_profile_is_read_and_flown(root, tmp_path):
+def test_altimeter_profile_is_read_and_flown(root, tmp_path, measured_here, undrawn):
     """What the file does not say is the base's, next to which it lies."""
     page = (root / "docs/design.md").read_text(encoding="utf-8")
     section = page.split("## Add an altimeter profile")[1].split("\n## ")[0]
@@ -142,12 +107,8 @@ def test_altimeter_profile_is_read_and_flown(root, tmp_path):
     assert (profile.bandwidth_hz, profile.period_s, profile.gain_dbi) == (100e6, 5e-3, 12.0)
     assert profile.noise_figure_db == load_profile("fmcw_150mhz").noise_figure_db
     assert profile.provenance["gain_dbi"][0] == "assumed"
-    done = run(
-        os.environ | {"PYTHONPATH": str(root / "python")}, str(root / "flowgraphs/tolerance_eval.py"),
-        "--profile", str(file), "--interferers", "tone", "--altitudes-ft", "200", "--outputs", "20", "--seeds", "1",
-        "--method", "none", "--out", str(tmp_path / "run"),
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    words = "--interferers tone --altitudes-ft 200 --outputs 20 --seeds 1 --method none --jobs 1".split()
+    assert tolerance.main([*words, "--profile", str(file), "--out", str(tmp_path / "run")]) == 0
     assert "my_altimeter" in (tmp_path / "run/report.md").read_text(encoding="utf-8")
 
 

@@ -38,13 +38,6 @@ def test_in_band_power_by_hand():
     assert report.i_over_n_db == pytest.approx(by_hand_dbm - noise_dbm, abs=0.02)
 
 
-def test_antenna_gain_moves_interference_once_and_the_return_twice():
-    low, high = (FaaMask(antenna_gain_dbi=gain).report() for gain in (7.0, 10.0))
-    assert high.total_dbm - low.total_dbm == pytest.approx(3.0)
-    assert high.return_dbm - low.return_dbm == pytest.approx(6.0)
-    assert high.sir_db - low.sir_db == pytest.approx(3.0)
-
-
 def test_return_is_that_of_the_terrain_model():
     """One link budget: level ground as the terrain return has it, facet by facet (8 dB apart before)."""
     height_m = 200 * 0.3048 + 2.0
@@ -97,12 +90,6 @@ def test_butterworth_loss_of_a_band_by_hand():
     assert shape.power_gain(np.array([4.28e9, 4.32e9])) == pytest.approx([0.5, 0.5])
 
 
-def test_levels_hold_over_the_whole_altitude_range():
-    reports = [FaaMask(altitude_ft=feet).report() for feet in (0.0, 200.0, 500.0)]
-    assert len({report.total_dbm for report in reports}) == 1
-    assert reports[0].sir_db > reports[1].sir_db > reports[2].sir_db
-
-
 def test_emitter_is_gaussian_noise_of_unit_power_in_the_receiver_band():
     mask = FaaMask()
     window = mask.samples(400_000, RATE_HZ, np.random.default_rng(1))
@@ -114,23 +101,3 @@ def test_emitter_is_gaussian_noise_of_unit_power_in_the_receiver_band():
     assert flat.std() / flat.mean() < 0.1
     assert flat.mean() == pytest.approx(7.5 / 7.125, rel=0.01)  # all the power within +-3.5625 MHz
     assert power[np.abs(frequency) > 3.74e6].max() < 0.01 * flat.mean()
-
-
-@pytest.mark.parametrize(
-    ("build", "word"),
-    [
-        (lambda: FaaMask(altitude_ft=500.1), "altitude_ft"),
-        (lambda: FaaMask(altitude_ft=-1.0), "altitude_ft"),
-        (lambda: FaaMask(altitude_ft=float("nan")), "altitude_ft"),
-        (lambda: FaaMask(antenna_gain_dbi=99.0), "antenna_gain_dbi"),
-        (lambda: FaaMask(center_hz=4.5e9), "center_hz"),
-        (lambda: FaaMask(tx_power_w=0.0), "tx_power_w"),
-        (lambda: ButterworthFilter(order=0), "order"),
-        (lambda: ButterworthFilter(bandwidth_hz=0.0), "bandwidth_hz"),
-        (lambda: pfd_dbw_per_m2_mhz(2.9e9), "frequency_hz"),
-    ],
-)
-def test_wrong_values_get_one_clear_line(build, word):
-    with pytest.raises(ValueError, match=word) as error:
-        build()
-    assert "\n" not in str(error.value)

@@ -333,30 +333,6 @@ def test_interference_breaks_none_and_whitening_holds(jammed):
     assert result.status["lms"]["diverged_frames"] > 0
 
 
-def test_drops_tagged_with_rx_time_are_counted_and_survived(clear):
-    """Forty of them in two seconds: every one counted, no altitude from a torn frame, lock back with the next whole."""
-    altitude = {"programme_m": np.geomspace(1500, 20, 10).tolist(), "frames": 200}
-    channel = {"snr_db": 20.0, "drops": {"count": 40, "min_samples": 100, "max_samples": 5000}}
-    scene = scene_of(altitude=altitude, channel=channel, seed=10)
-    result = run_point(clear, scene, time_limit_s=150)
-    counters = result.segmenter
-    assert counters["discontinuities"] == 40 and counters["lock_losses"] == 0
-    assert 40 <= counters["torn"] <= 80
-    error = trial_errors(result, scene)
-    assert np.abs(error).max() < 1.0 and np.sqrt(np.mean(error**2)) < 0.5
-    assert error.size >= 2000 - counters["torn"]
-
-
-def test_drops_without_tags_are_noticed_and_never_shift_an_altitude(clear):
-    altitude = {"programme_m": np.geomspace(1500, 20, 6).tolist(), "frames": 100, "sync_every_frames": 50}
-    drops = {"count": 8, "min_samples": 1, "max_samples": 5000, "tagged": False}
-    scene = scene_of(altitude=altitude, channel={"snr_db": 20.0, "drops": drops}, seed=11)
-    result = run_point(clear, scene, time_limit_s=150)
-    assert result.segmenter["discontinuities"] == 0
-    assert result.segmenter["lock_losses"] >= 1 and result.segmenter["unlocked_frames"] >= 1
-    assert np.nanmax(np.abs(trial_errors(result, scene))) < 1.0
-
-
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):
     """the scene decides what is built, and what is not built is not imported; scipy.signal alone takes 40 MB."""
     scene = write_scene(scene_of(), tmp_path / "scene.yaml")
@@ -403,23 +379,6 @@ class Endless:
 
     def stop(self):
         self.stopped.set()
-
-
-def test_what_looks_at_a_run_ends_it():
-    top, looks = Endless(), []
-    elapsed = run_to_end(top, over=lambda: looks.append(1) or len(looks) == 3, poll_s=0.001)
-    assert top.stopped.is_set() and len(looks) == 3 and elapsed > 0
-
-
-def test_an_interrupt_leaves_no_flowgraph_running():
-    top = Endless()
-
-    def interrupt():
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_to_end(top, over=interrupt, poll_s=0.001)
-    assert top.stopped.is_set()
 
 
 class Slow(Endless):

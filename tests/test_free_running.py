@@ -28,16 +28,6 @@ def test_a_free_running_base_station_goes_on_from_frame_to_frame():
     assert power.std() > 0.05 * power.mean()  # one gain: power goes with what is sent
 
 
-def test_a_carrier_goes_on_where_a_base_station_repeats_itself():
-    """12,345.67 cycles in 10 ms: without that its phase would leap by two thirds of a turn."""
-    emitter = NrEmitter(frame_count=1, carrier_hz=1_234_567.0)
-    stream = JammerStream(WAVEFORM, [Interferer(emitter, -10.0)], seed=3, free_running=True)
-    frames = np.stack([stream.next_frame() for _ in range(32)])
-    for first in (1, 11):
-        turned = frames[first : first + 10] * np.exp(2j * np.pi * 0.67)
-        np.testing.assert_allclose(frames[first + 10 : first + 20], turned, atol=2e-3)
-
-
 def test_a_scene_s_base_station_goes_on_too_whatever_its_sir_is_set_to():
     """A whole scene's source has a total SIR: no frame is scaled by itself, and a new SIR is a new gain alone."""
     scene = parse_scene({"interference": {"nr": {"sir_db": -20.0, "free_running": True, "frame_count": 2}}})

@@ -6,10 +6,8 @@ Seconds in the suite, the same examples every time. `make fuzz` runs it with oth
 
 import contextlib
 import hashlib
-import io
 import json
 import os
-import re
 import shutil
 import time
 from collections import Counter
@@ -18,32 +16,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import ota_eval
-import pmt
 import pytest
 import sigmf
 import yaml
 from gnuradio import radalt
 from hostile import assert_line, assert_refused, ended, measure_here
 from test_engine import Coins, Options, command, rows_of, run
-from test_report import FolderError, finished, scene_of
 
-from gnuradio.radalt.blocks._frames import TagError, read_sent_tag, time_counter
 from radalt.core.parsing import InputError, load_yaml
-from radalt.core.programme import SentAltitudes
-from radalt.core.radio.endpoint import check_endpoint
 from radalt.core.radio.recording import RecordingError, open_capture
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
-from radalt.evaluation.engine.options import complain
-from radalt.evaluation.overlap.pooling import pool_runs
-from radalt.evaluation.overlap.reading import PoolError, read_run
 
 hypothesis = pytest.importorskip("hypothesis", reason="requirements-test.txt has it")
 from hypothesis import HealthCheck, given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
 SECONDS = float(os.environ.get("RADALT_FUZZ_S", 0))
-TARGETS = 10
-pytestmark = pytest.mark.timeout(max(120, 3 * SECONDS))
+TARGETS = 7
+pytestmark = [pytest.mark.timeout(3 * SECONDS)] * bool(SECONDS)
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -188,7 +178,7 @@ def test_scenes(tmp_path, report):
         assert parse_scene(scene_to_mapping(scene)) == scene
         return "read"
 
-    report(fuzz(check, 80, CHANGES | MILD), "read", "refused")
+    report(fuzz(check, 50, CHANGES | MILD), "read", "refused")
 
 
 def test_plans(tmp_path, report):
@@ -203,7 +193,7 @@ def test_plans(tmp_path, report):
             return "refused"
         return "planned"
 
-    report(fuzz(check, 40, MILD), "planned", "refused")
+    report(fuzz(check, 25, MILD), "planned", "refused")
 
 
 SHIPPED = [p.read_text() for p in sorted((ROOT / "flowgraphs/scenes").glob("*.yaml"))]
@@ -240,7 +230,7 @@ def test_yaml(tmp_path, report):
             assert yaml.safe_load(path.read_bytes()) == data or data != data
         return "read"
 
-    report(fuzz(check, 100, broken_text() | st.text(max_size=60)), "read", "refused")
+    report(fuzz(check, 60, broken_text() | st.text(max_size=60)), "read", "refused")
 
 
 OPTIONS = ["--overlap", "--sir-db", "--snr-db", "--altitudes", "--frames", "--seed", "--methods", "--scene", "--jobs",
@@ -269,7 +259,7 @@ def test_command_lines(tmp_path, report, monkeypatch):
             return "refused"
         return "planned"
 
-    report(fuzz(check, 40, LINES), "planned", "refused")
+    report(fuzz(check, 25, LINES), "planned", "refused")
 
 
 @pytest.fixture(scope="module")
@@ -317,7 +307,7 @@ def test_recordings(recording, tmp_path, report):
         return "read"
 
     keys = st.lists(st.tuples(st.sampled_from(ways), VALUES), max_size=2)
-    report(fuzz(check, 100, keys, st.sampled_from([0, 0, 0, 8, 3, 72_000])), "read", "refused")
+    report(fuzz(check, 60, keys, st.sampled_from([0, 0, 0, 8, 3, 72_000])), "read", "refused")
 
 
 @pytest.fixture(scope="module")
@@ -398,40 +388,7 @@ def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
         assert rows_of(folder) == spoilable["rows.csv"]
         return "resumed"
 
-    report(fuzz(check, 80, spoilt(), spoilt()), "resumed", "refused")
-
-
-def test_pooled_reports(tmp_path, report):
-    """Any value in any place of one of two reports."""
-    for name, seed in (("a", 1), ("b", 2)):
-        finished(tmp_path / name, scene_of(seed=seed))
-    path = tmp_path / "a/report.json"
-    whole = json.loads(path.read_text())
-    whole["rows"] = whole["rows"][:4]
-    ways = [p for p in places(whole) if p]
-
-    def check(changes):
-        with contextlib.suppress(TypeError, ValueError):
-            text = json.dumps(changed(whole, [(ways[k % len(ways)], value) for k, value in changes]))
-            written(path, text)
-        try:
-            rows, _ = pool_runs([read_run(path.parent), read_run(tmp_path / "b")])
-        except (PoolError, FolderError) as error:
-            assert_refused(2, complained(error))
-            return "refused"
-        assert all(0 <= row["correct"] <= row["trials"] for row in rows)
-        return "pooled"
-
-    some = st.lists(st.tuples(st.integers(0, 9999), VALUES), min_size=1, max_size=2)
-    report(fuzz(check, 80, some), "pooled", "refused")
-
-
-def complained(error: Exception) -> str:
-    """The line that a command makes of an error."""
-    err = io.StringIO()
-    with contextlib.redirect_stderr(err):
-        complain("collect", error)
-    return err.getvalue()
+    report(fuzz(check, 50, spoilt(), spoilt()), "resumed", "refused")
 
 
 # -- messages --------------------------------------------------------------------------------------
@@ -479,56 +436,5 @@ def test_control_messages(report):
         assert_line(reply["error"])
         return "refused"
 
-    report(fuzz(check, 300, REQUESTS), "done", "refused")
+    report(fuzz(check, 150, REQUESTS), "done", "refused")
     assert control.errors == 0
-
-
-HOSTS = st.sampled_from(["127.0.0.1", "localhost", "[::1]", "::1", "0.0.0.0", "*", "a b", "127.1"]) | TEXTS
-PORTS = st.sampled_from(["6557", "*", "0", "70000", "-1"]) | NUMBERS.map(lambda x: str(x)[:30])
-ENDPOINTS = st.one_of(
-    st.tuples(HOSTS, PORTS).map(lambda v: f"tcp://{v[0]}:{v[1]}"), TEXTS.map(lambda t: f"ipc://{t}"), TEXTS
-)
-
-
-def test_endpoints(report):
-    """Any text as an endpoint: of this machine, or one line."""
-
-    def check(endpoint):
-        try:
-            check_endpoint("control", endpoint, network=False)
-        except ValueError as error:
-            assert_line(str(error))
-            return "refused"
-        assert re.fullmatch(r"|ipc://.+|tcp://(127\.[\d.]+|localhost|\[::1\]):(\d+|\*)", endpoint)
-        return "taken"
-
-    report(fuzz(check, 200, ENDPOINTS), "taken", "refused")
-
-
-WHOLE64 = st.integers(0, 2**64 - 1) | st.integers(0, 2**40)
-TAG_VALUES = st.one_of(
-    st.tuples(WHOLE64, st.floats() | st.floats(0, 0.999)).map(
-        lambda v: pmt.make_tuple(pmt.from_uint64(v[0]), pmt.from_double(v[1]))
-    ),
-    st.lists(st.floats() | st.floats(0, 9e3), max_size=5).map(lambda v: pmt.init_f64vector(len(v), v)),
-    st.sampled_from([pmt.PMT_NIL, pmt.PMT_T, pmt.intern("x"), pmt.from_long(-1), pmt.make_tuple()]),
-)
-
-
-def test_tags(report):
-    """Any value of a tag: a counter and an altitude that can be, or one line."""
-
-    def check(value):
-        sent, ends = SentAltitudes(None), []
-        for read in (lambda: time_counter(value, 7.5e6), lambda: read_sent_tag(value, sent)):
-            try:
-                ends.append(read())
-            except TagError as error:
-                assert_line(str(error))
-        if not ends:
-            return "refused"
-        assert ends[0] is None or 0 <= ends[0] < 2**63
-        assert all(altitude_m is None or 0 <= altitude_m < np.inf for _, altitude_m in sent._changes)
-        return "read"
-
-    report(fuzz(check, 200, TAG_VALUES), "read", "refused")

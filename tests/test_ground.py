@@ -28,7 +28,7 @@ def in_noise(rng: np.random.Generator, frames: np.ndarray, snr_db: float = 10.0)
 
 
 def over_ground(
-    seed: int, land: tuple[str, str], altitude_m: float, *, beam=40.0, roll=0.0, pitch=0.0, count=240
+    seed: int, land: tuple[str, str], altitude_m: float, *, beam=40.0, roll=0.0, pitch=0.0, count=160
 ):
     """Outputs over flat land at 70 m/s, after the two that a track takes to begin, and their errors."""
     antenna, grid = GaussianAntenna(beamwidth_deg=beam), GroundGrid(seed=seed)
@@ -48,11 +48,9 @@ def over_ground(
     ("land", "altitude_m", "attitude"),
     [
         (("constant_gamma", "woods"), 150.0, {}),
-        (("constant_gamma", "urban_low_relief"), 600.0, {}),
         (("morchin", "mountains"), 1380.0, {"beam": 60.0}),
         (("morchin", "desert"), 40.0, {"beam": 60.0}),
         (("ulaby_dobson", "grass"), 300.0, {"pitch": 15.0}),
-        (("morchin", "urban_low_relief"), 450.0, {"roll": 20.0}),
         (("constant_gamma", "woods"), 200.0, {"roll": 30.0}),
         (("morchin", "wooded_hills"), 500.0, {"roll": 40.0}),
     ],
@@ -64,13 +62,12 @@ def test_the_altitude_is_that_of_the_nearest_ground_in_level_flight_and_in_a_ban
     assert np.all(error < out["protection_level_m"]) and np.all(error <= max(5.0, 0.03 * altitude_m))
 
 
-@pytest.mark.parametrize("snr_db", [20.0, -10.0])
-@pytest.mark.parametrize("speed", [0.0, 20.0, 150.0])
+@pytest.mark.parametrize(("speed", "snr_db"), [(0.0, -10.0), (20.0, 20.0), (150.0, -10.0)])
 def test_a_point_is_no_spread_ground(speed, snr_db):
-    """It fluctuates by noise alone, and moves: none of a hundred blocks is weighted."""
+    """It fluctuates by noise alone, and moves: none of fifty blocks is weighted."""
     altimeter = Altimeter(W)
     rng, tracker = np.random.default_rng([1, int(speed), int(snr_db + 100)]), AltitudeTracker(altimeter)
-    for _ in range(100):
+    for _ in range(50):
         path = rng.uniform(30.0, 1400.0) + speed * W.sweep_s * np.arange(40)
         spectra = altimeter.spectra(
             in_noise(rng, point_return(W, path, vertical_speed_m_per_s=speed), snr_db)

@@ -8,7 +8,7 @@ from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, inter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.stream import JammerStream
-from radalt.core.mitigation import MitigationError, create
+from radalt.core.mitigation import create
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
@@ -121,12 +121,12 @@ def test_a_frame_whose_return_stands_out_is_not_searched():
 
 
 def test_an_emitter_that_appears_later_is_found():
-    _, before = stream([ToneEmitter(3)], -30.0, 60, 6)
-    altitude_m, after = stream([QpskReceivedEmitter()], -45.0, 120, 7)
+    _, before = stream([ToneEmitter(3)], -30.0, 30, 6)
+    altitude_m, after = stream([QpskReceivedEmitter()], -45.0, 60, 7)
     method = create("hybrid", W)
     method.process(before)
     cleaned = method.process(after)
-    assert right(cleaned, altitude_m) > 0.5 and method.cancelled > 60
+    assert right(cleaned, altitude_m) > 0.5 and method.cancelled > 30
 
 
 def test_the_network_gains_on_the_error_vectors_that_a_cancelled_frame_keeps():
@@ -172,8 +172,3 @@ def test_frames_of_any_level_pass_without_a_warning(level):
     rng = np.random.default_rng(3)
     noise = rng.uniform(-1.0, 1.0, (2, 2 * N)).astype(np.float32)
     assert create("hybrid", W).process((noise * np.float32(level)).view(np.complex64)).shape == (2, N)
-
-
-def test_what_the_other_method_cannot_be_is_one_line():
-    with pytest.raises(MitigationError, match="hybrid.other is 'lms'; one of tcae, whitening"):
-        create("hybrid", W, other="lms")

@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_identity import ONE_PACKAGE
 from waiting import ran
 
 from radalt.evaluation.programs import programs
@@ -115,12 +114,6 @@ def test_installed_module_imports_with_every_block_and_the_core(root, cache, pac
     }
 
 
-def test_both_names_are_one_package(environment, tmp_path):
-    for names in (("import radalt", "import gnuradio.radalt"), ("import gnuradio.radalt", "import radalt")):
-        code = ONE_PACKAGE.format(first=names[0], second=names[1])
-        run(sys.executable, "-W", "error", "-c", code, cwd=tmp_path, env=environment)
-
-
 def test_every_block_imports_in_the_python_of_the_companion(cache, package, environment, tmp_path):
     """gnuradio-companion and grcc run in GNU Radio's own Python and see no package of the environment."""
     script = (
@@ -204,7 +197,6 @@ def test_missing_gnu_radio_is_one_clear_line(root: Path, tmp_path: Path):
     assert f"{other} cannot import gnuradio" in " ".join(done.stderr.split())
 
 
-@pytest.mark.timeout(360)
 def test_a_newcomers_first_hour_works_and_leaves_nothing(root, tmp_path):
     """In a clone of what is committed, with the environment of these tests: nothing is fetched."""
     # its environment would take a minute to make; ctest has none, and CI runs `make test`

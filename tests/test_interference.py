@@ -24,7 +24,6 @@ from radalt.core.waveform import Waveform
 
 RATE_HZ = 7.5e6
 N = 7500
-EMITTERS = [QpskEmitter(), QpskEmitter(pulse="rrc", carrier_hz=1e6), ToneEmitter(frequencies_hz=(1e6,))]
 
 
 def rng(seed: int = 1) -> np.random.Generator:
@@ -36,16 +35,6 @@ def db(ratio: float) -> float:
 
 
 # -- placement: SIR and overlap ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("emitter", EMITTERS)
-@pytest.mark.parametrize("overlap", [0.0, 1 / N, 0.1, 0.25, 0.333, 0.9, 1.0])
-def test_overlap_is_the_active_fraction_of_the_window(emitter, overlap):
-    frame = interference_frame(Interferer(emitter, -10.0, overlap), N, RATE_HZ, rng())
-    active = np.flatnonzero(frame)
-    assert active.size == round(overlap * N)
-    if active.size:
-        assert active[-1] - active[0] + 1 == active.size  # one burst, no holes
 
 
 def test_shorter_burst_of_the_same_sir_is_stronger_while_it_lasts():
@@ -106,19 +95,6 @@ def test_shaped_qpsk_has_the_raised_cosine_power_spectrum(rolloff):
     assert db(density[outside].max() / expected.max()) < -30
 
 
-def test_root_raised_cosine_is_the_root_in_the_frequency_domain():
-    """Reference: inverse transform of the square root of the raised cosine."""
-    rolloff, up = 0.35, 8
-    taps = rrc_taps(rolloff, up, span_symbols=40)
-    size = 4096
-    f = np.abs(np.fft.fftfreq(size, 1 / up))  # in symbol rates
-    edge = np.clip((f - (1 - rolloff) / 2) / rolloff, 0, 1)
-    reference = np.fft.ifft(np.sqrt(0.5 * (1 + np.cos(np.pi * edge)))).real
-    reference = np.roll(reference, taps.size // 2)[: taps.size]
-    reference /= np.sqrt(np.sum(reference**2))
-    np.testing.assert_allclose(taps, reference, atol=2e-5)
-
-
 @pytest.mark.parametrize("rolloff", [0.2, 0.25, 0.5, 1.0])
 def test_pulse_and_matched_filter_leave_no_intersymbol_interference(rolloff):
     """Includes roll-offs where a tap falls on the closed form's removable singularity t = 1/(4 rolloff)."""
@@ -172,26 +148,6 @@ def test_random_tones_stay_in_their_span():
     assert np.unique(ToneEmitter(2).samples(10, RATE_HZ, rng(1))).size == 10
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: Interferer(QpskEmitter(), overlap=1.2), "overlap is 1.2; it has to be within 0..1"),
-        (lambda: Interferer(QpskEmitter(), sir_db=float("inf")), "sir_db is inf"),
-        (lambda: Interferer(QpskEmitter(), start=2.0), "start is 2.0"),
-        (lambda: QpskEmitter(bandwidth_hz=0.0), "qpsk.bandwidth_hz is 0; it has"),
-        (lambda: QpskEmitter(bandwidth_hz=2.0), r"qpsk.bandwidth_hz is 2; .* did you mean 2e\+06"),
-        (lambda: QpskEmitter(pulse="gauss"), "qpsk.pulse is 'gauss'; allowed: rectangular, rrc"),
-        (lambda: QpskEmitter(rolloff=1.1), "qpsk.rolloff is 1.1"),
-        (lambda: ToneEmitter(0), "tones.count is 0"),
-        (lambda: QpskEmitter(bandwidth_hz=9e6).samples(10, RATE_HZ, rng()), "does not fit the rate of 7.5e"),
-        (lambda: ToneEmitter(frequencies_hz=(4e6,)).samples(10, RATE_HZ, rng()), "leave \\+/- 3.75e\\+06 Hz"),
-    ],
-)
-def test_impossible_interference_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
-
-
 # -- streams ----------------------------------------------------------------------------------------------------------
 
 
@@ -205,29 +161,22 @@ class Silent:
 @pytest.mark.parametrize("free_running", [False, True])
 @pytest.mark.parametrize("overlap", [0.0, 0.4, 1.0])
 def test_nothing_of_what_lay_in_the_output_stays_there(overlap, free_running):
-    for emitter, heard in ((Silent(), False), (QpskEmitter(), True), (QpskEmitter(pulse="rrc"), True)):
+    for emitter, present in ((Silent(), False), (QpskEmitter(), True), (QpskEmitter(pulse="rrc"), True)):
         stream = JammerStream(Waveform(), [Interferer(emitter, overlap=overlap)], free_running=free_running)
         used = np.full((5, N), np.nan, np.complex64)
         for frame in used:
             stream.next_frame(frame)
         active = np.count_nonzero(used[1:]) / used[1:].size
-        assert active == pytest.approx(overlap if heard else 0.0, abs=0.2 if free_running else 1e-3)
+        assert active == pytest.approx(overlap if present else 0.0, abs=0.2 if free_running else 1e-3)
         assert np.isfinite(used).all()
 
 
-def test_stream_is_silent_until_the_first_trial_and_on_synchronisation():
+@pytest.mark.parametrize(("overlap", "free_running"), [(0.5, False), (1.0, True)])
+def test_a_stream_is_silent_where_its_programme_is_and_nowhere_else(overlap, free_running):
+    """Free running also in the frame before a trial and behind it, in which its own windows lie."""
     programme = Programme((100.0,), 20, preamble_frames=8, sync_every_frames=10, sync_frames=8)
-    stream = JammerStream(Waveform(), [Interferer(QpskEmitter(), -10.0, 0.5)], programme=programme, seed=3)
-    power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(programme.total_frames)]
-    expected = np.where(programme.is_trial(np.arange(programme.total_frames)), 10.0, 0.0)
-    np.testing.assert_allclose(power, expected, rtol=2e-3)
-
-
-def test_a_free_running_stream_is_silent_where_its_programme_is_and_nowhere_else():
-    """Also in the frame before a trial and behind it, in which its own windows lie."""
-    programme = Programme((100.0,), 20, preamble_frames=8, sync_every_frames=10, sync_frames=8)
-    one = Interferer(QpskEmitter(), -10.0)
-    stream = JammerStream(Waveform(), [one], programme=programme, seed=3, free_running=True)
+    one = Interferer(QpskEmitter(), -10.0, overlap)
+    stream = JammerStream(Waveform(), [one], programme=programme, seed=3, free_running=free_running)
     power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(programme.total_frames)]
     expected = np.where(programme.is_trial(np.arange(programme.total_frames)), 10.0, 0.0)
     np.testing.assert_allclose(power, expected, rtol=2e-3)

@@ -195,18 +195,6 @@ def test_a_slow_change_is_followed_and_frames_of_other_blocks_are_not_learned():
     assert power_db(rest[rest != 0]) < before - 30.0
 
 
-def test_what_was_learned_is_subtracted_from_a_stated_frame_on():
-    canceller = calibrated(line(0.0, 1.0), 60.0, 40)
-    canceller.following = True
-    other = line(0.0, 4.5)
-    for index in range(40):
-        canceller.clean(other, index)
-    canceller.learn(0, 39, due=100)
-    at = {index: canceller.clean(other, index) for index in (99, 100, 101)}
-    assert not np.array_equal(at[99], at[100])
-    np.testing.assert_array_equal(at[100], at[101])
-
-
 @pytest.mark.parametrize("amount_rad", [0.003, 0.054])
 def test_what_is_left_of_a_leakage_whose_phase_has_changed(amount_rad):
     """0.003 rad is a phase walk of 0.003 rad per root second after a second, 0.054 rad a vibration by 0.3 mm."""
@@ -327,12 +315,6 @@ def test_a_return_is_no_leakage_to_take_timing_on():
     ground = point_return(W, 150.0, phase_cycles=0.3) * 3.0
     assert segmenter.push((ground + noise(rng, 12, 20.0)).reshape(-1)) == []
     assert segmenter.counters["acquisitions"] == 0
-
-
-def test_ragged_chunks_give_the_frames_of_one_chunk(cancellers):
-    one = run(LeakageCanceller(cancellers[10.0]), SCENE.channel, (100.0,), 4, sizes=(10**7,))
-    ragged = run(LeakageCanceller(cancellers[10.0]), SCENE.channel, (100.0,), 4, sizes=(1, 9000, 777, 7499))
-    np.testing.assert_array_equal(one[0], ragged[0])
 
 
 def test_with_a_beat_shift_leakage_is_off_and_the_reason_is_said():

@@ -2,24 +2,23 @@
 
 import csv
 import dataclasses
-import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import collect
 import ota_eval
 import pytest
-from waiting import end_of, ran_python, wait_for, written
+from hostile import ended
+from waiting import end_of, ran_python
 
 from radalt.core.scene import SweepSpec, load_scene
 from radalt.evaluation.overlap.points import sweep_points
 from radalt.evaluation.overlap.rows import COLUMNS
 from radalt.evaluation.overlap.study import OverlapStudy
-from radalt.evaluation.results.folder import FolderError, read_report
+from radalt.evaluation.results.folder import read_report
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
-pytestmark = pytest.mark.timeout(150)
 
 
 def start(*arguments):
@@ -88,25 +87,6 @@ def test_the_rows_make_sense(whole):
     assert rows["whitening", 1.0]["ms_per_frame_median"] > 0
 
 
-def test_a_killed_run_resumes_to_the_same_rows_with_another_number_of_workers(
-    whole, tmp_path, capsys, undrawn
-):
-    folder = tmp_path / "run"
-    process = start(*SWEEP, "--out", folder, "--jobs", 1)
-    wait_for(written(folder / "rows.csv"), "the first point's rows", process=process)
-    process.kill()
-    end_of(process)
-    measured = len(stable(folder)) - 1
-    with pytest.raises(FolderError, match="is not finished"):
-        read_report(folder)
-    assert measured in (3, 6)
-    assert ota_eval.main(["--sim", *SWEEP, "--out", str(folder), "--resume", "--jobs", "3"]) == 0
-    assert f"[{measured // 3}/3]" not in capsys.readouterr().out  # what was there is not measured again
-    assert stable(folder) == stable(whole[0])
-    # a point whose rows were not yet in the table counts, too
-    assert read_report(folder)["run"]["points_resumed"] in (measured // 3, measured // 3 + 1)
-
-
 def test_resume_refuses_other_options_in_one_line(whole, capsys):
     before = (whole[0] / "rows.csv").read_bytes()
     arguments = [*SWEEP, "--out", str(whole[0])]
@@ -128,28 +108,6 @@ def test_overlap_0_is_bit_for_bit_the_scene_without_interference(whole, tmp_path
     same = [{k: r[k] for k in COLUMNS.names if k not in ignore} for r in rows]
     zero = [r for r in read_report(whole[0])["rows"] if r["overlap"] == 0]
     assert same == [{k: r[k] for k in COLUMNS.names if k not in ignore} for r in zero]
-
-
-def test_a_worker_that_is_killed_ends_the_run_with_one_line_and_its_rows_kept(tmp_path):
-    longer = ("--altitudes", "600,40,50,60", "--frames", 20)
-    process = start(*SWEEP, *longer, "--out", tmp_path / "run", "--jobs", 1)
-    wait_for((tmp_path / "run" / "rows.csv").exists, "rows.csv", process=process)
-    os.kill(worker_of(process.pid), signal.SIGKILL)
-    _, err = end_of(process)
-    assert process.returncode == 2
-    # between two points nobody knows what it died of
-    assert err.startswith("ota_eval: overlap")
-    assert "the worker process ended (SIGKILL" in err or "the worker process ended (it no longer" in err
-    assert err.count("\n") == 1
-    assert len(stable(tmp_path / "run")) >= 4
-
-
-def worker_of(pid: int) -> int:
-    """The spawned worker among a process's children (the other child tracks shared resources)."""
-    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split():
-        if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text(encoding="ascii", errors="replace"):
-            return int(child)
-    raise AssertionError("no worker runs")
 
 
 def test_methods_may_name_ones_own(root, capsys):
@@ -214,13 +172,12 @@ def test_the_wrong_python_is_one_line_and_code_2(root, program):
     assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make setup" in done.stderr
 
 
-def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path, measured_here, undrawn):
+def test_runs_of_several_seeds_are_collected_by_the_command(whole, tmp_path, measured_here, undrawn):
     again = tmp_path / "again"
     options = "--overlap", "1", "--seed", "2", "--out", str(again), "--jobs", "1"
     assert ota_eval.main(["--sim", *SWEEP, *options]) == 0
     assert read_report(again)["ceiling"][0]["overlap"] == 0  # measured though it is not in the sweep
     assert {r["overlap"] for r in read_report(again)["rows"]} == {1.0}
-    done = ran_python(root / "flowgraphs/collect.py", whole[0], again, "--out", tmp_path / "all")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert ended(collect.main, whole[0], again, "--out", tmp_path / "all") == (0, "")
     pooled = {(r["method"], r["overlap"]): r for r in read_report(tmp_path / "all")["rows"]}
     assert pooled["none", 1.0]["trials"] == 12 and pooled["none", 0.5]["trials"] == 6

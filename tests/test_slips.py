@@ -28,7 +28,7 @@ W = Waveform()
 N = W.samples_per_frame
 ALTIMETER = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=30.0))
 STREAMS = int(os.environ.get("RADALT_SLIP_STREAMS", "24"))
-BLOCK_STREAMS = int(os.environ.get("RADALT_SLIP_BLOCK_STREAMS", "4"))
+BLOCK_STREAMS = int(os.environ.get("RADALT_SLIP_BLOCK_STREAMS", "2"))
 NOTICE_FRAMES = 50
 WRONG_M = 5.0
 
@@ -351,7 +351,7 @@ class TestThroughTheBlock:
 
 @pytest.mark.parametrize(
     ("name", "overlap"),
-    [(name, overlap) for name in ("paper_qpsk", "nr10", "fmcw") for overlap in (0.1, 0.6)] + [("fmcw", 0.05)],
+    [("paper_qpsk", 0.1), ("nr10", 0.6), ("fmcw", 0.1), ("fmcw", 0.05)],
 )
 def test_bursts_of_interference_are_no_slip(name, overlap):
     """At SIR -28 dB they hide the sweep, and show a piece of it at many delays: 136 of 150 frames were lost by that."""

@@ -44,10 +44,8 @@ def textbook(frames: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("method", "scene", "sir_db"),
     [
-        ("none", "qpsk_shaped", -28.0),
         ("none", "paper_qpsk", -28.0),
         ("none", "tones", -26.0),
-        ("whitening", "nr10", -30.0),
         ("whitening", "mixture", -38.0),
         ("whitening", "nr5", -36.0),
     ],
@@ -90,10 +88,10 @@ def test_what_a_textbook_cfar_declares_ours_declares(method, scene, sir_db):
 
 def test_the_textbooks_threshold_is_our_bound_in_white_noise():
     rng = np.random.default_rng(23)
-    noise = (rng.standard_normal((2400, 15000)) * np.sqrt(0.5)).astype(np.float32).view(np.complex64)
-    ratio = np.concatenate([textbook(some, 0.0)[1] for some in np.split(noise, 150)])
+    noise = (rng.standard_normal((1200, 15000)) * np.sqrt(0.5)).astype(np.float32).view(np.complex64)
+    ratio = np.concatenate([textbook(some, 0.0)[1] for some in np.split(noise, 75)])
     still = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
-    low, high = clopper_pearson(int(np.sum(ratio > THRESHOLD[0.0])), 2400)
+    low, high = clopper_pearson(int(np.sum(ratio > THRESHOLD[0.0])), 1200)
     assert low <= still.false_alarms_per_frame <= high
 
 
@@ -107,7 +105,7 @@ def test_without_noise_both_measure_the_same():
 
 @pytest.mark.parametrize("method", ["whitening", "nlms", "tcae"])
 def test_false_altitudes_in_noise_alone_stay_within_the_bound(method):
-    """A method may not invent: the lower end of the interval lies within the design's bound."""
+    """False altitudes of a method: the lower end of the interval lies within the design's bound."""
     rng = np.random.default_rng(29)
     noise = (rng.standard_normal((600, 15000)) * np.sqrt(0.5)).astype(np.float32).view(np.complex64)
     cleaned = create(method, W).process(noise)

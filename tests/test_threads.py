@@ -1,78 +1,13 @@
 """Scratch buffers of threads: never shared, bounded, and never in a threading.local, which ends a flowgraph."""
 
 import ast
-import signal
-import subprocess
-import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy.linalg import blas
-from waiting import ran_python
 
 from radalt.core.altimeter.decimator import Decimator
-
-# A source that does what `statement` says with a threading.local in each call; it needs nothing of radalt.
-FLOWGRAPH = """
-import threading
-import numpy as np
-from gnuradio import blocks, gr
-
-local = threading.local()
-
-class source(gr.sync_block):
-    def __init__(self):
-        gr.sync_block.__init__(self, "source", None, [np.float32])
-        self.calls = 0
-
-    def work(self, input_items, output_items):
-        {statement}
-        self.calls += 1
-        return -1 if self.calls > 1000 else len(output_items[0])
-
-top = gr.top_block()
-block = source()
-top.connect(block, blocks.null_sink(gr.sizeof_float))
-top.run()
-print("ran to its end", flush=True)
-"""
-
-
-def run_flowgraph(statement: str) -> subprocess.CompletedProcess:
-    return ran_python("-c", FLOWGRAPH.format(statement=statement))
-
-
-def test_array_in_a_thread_local_ends_a_flowgraph_from_python_3_13_on():
-    """GNU Radio's gateway makes and clears a Python thread state with every call of ``work``.
-
-    The array dies in that clearing, and on Python 3.13.5 with GNU Radio 3.10.12 the process with it: its memory is
-    freed without the GIL, as PYTHONDEVMODE=1 says before it aborts. Where this test fails because the flowgraph ran,
-    the ban on threading.local can be looked at again.
-    """
-    done = run_flowgraph("local.scratch = np.zeros(3)")
-    if sys.version_info < (3, 13):
-        assert (done.returncode, done.stdout) == (0, "ran to its end\n"), done.stderr
-    else:
-        assert (-done.returncode, done.stdout) in [(signal.SIGSEGV, ""), (signal.SIGABRT, "")], done.stderr
-        if sys.flags.dev_mode:
-            assert "allocator called without holding the GIL" in done.stderr
-
-
-ALLOWED = (
-    "local.scratch = [self.calls]",
-    "getattr(local, 'scratch', None)",
-    "self.__dict__.setdefault(threading.get_ident(), np.zeros(3))",
-    "np.errstate(all='ignore').__enter__()",
-    "threading.current_thread()",
-    "np.fft.fft(np.ones(16))",
-)
-
-
-def test_what_a_block_may_do_on_every_python():
-    """Objects without an array, a dictionary by thread, and what NumPy and Python keep by thread themselves."""
-    done = run_flowgraph("; ".join(ALLOWED))
-    assert (done.returncode, done.stdout) == (0, "ran to its end\n"), done.stderr
 
 
 def test_no_module_of_the_package_uses_a_thread_local(root):

@@ -12,7 +12,7 @@ from radalt.core.interference.stream import JammerStream
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
 from radalt.core.tracker.integrator import Integrator
-from radalt.core.tracker.summed_block import Block, Measurement
+from radalt.core.tracker.summed_block import Block
 from radalt.core.tracker.tracker import AltitudeTracker, State, Status, TrackerSettings
 from radalt.core.waveform import Waveform, exp_cycles
 from radalt.evaluation.results.proportion import clopper_pearson
@@ -114,7 +114,7 @@ def test_measurement_knows_its_own_error():
 
 
 def test_one_frame_of_forty_decides_nothing():
-    """A frame with a clean false return among frames of noise: what a method may invent."""
+    """A frame with a clean false return among frames of noise: what a method may put out."""
     rng = np.random.default_rng(4)
     frames = noise(rng, 400, 0.0)
     frames[::40] = 30.0 * point_return(W, 500.0)
@@ -128,8 +128,8 @@ def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames
     received = cleaned + returns(rng, np.full(400, rival_m))
     spectra = ALTIMETER.spectra(cleaned)
 
-    def status(beside):
-        return AltitudeTracker(ALTIMETER).process(spectra, received=ALTIMETER.spectra(beside))["status"]
+    def status(uncleaned):
+        return AltitudeTracker(ALTIMETER).process(spectra, received=ALTIMETER.spectra(uncleaned))["status"]
 
     assert np.any(status(cleaned) == Status.NORMAL)
     assert not np.any(status(received) == Status.NORMAL)
@@ -145,12 +145,12 @@ def test_noise_alone_is_no_computed_data():
 
 
 def test_protection_level_holds_at_its_stated_risk():
-    """At a risk of 2 % a wrong bound shows: 18 runs of 15 outputs close to the limit of detection."""
+    """At a risk of 2 % a wrong bound shows: 12 runs of 15 outputs close to the limit of detection."""
     rng = np.random.default_rng(6)
     settings = TrackerSettings(risk=0.02)
     events = trials = 0
     widths = []
-    for _ in range(18):
+    for _ in range(12):
         speed = rng.uniform(-10.0, 10.0)
         path = rng.uniform(100.0, 900.0) + speed * np.arange(600) * T
         outputs = tracked(flight(rng, path, rng.uniform(-36.0, -25.0), speed), settings=settings)
@@ -159,7 +159,7 @@ def test_protection_level_holds_at_its_stated_risk():
         beyond = np.abs(outputs["altitude_m"] - true) > outputs["protection_level_m"]
         events, trials = events + int(np.sum(normal & beyond)), trials + int(normal.sum())
         widths.extend(outputs["protection_level_m"][normal])
-    assert trials > 150
+    assert trials > 100
     assert clopper_pearson(events, trials)[0] <= 0.02
     assert np.median(widths) < 5.0  # and it says something
 
@@ -224,18 +224,14 @@ def test_a_step_in_the_last_frames_of_a_block_is_noticed_by_the_next_output():
     assert wrong.sum() <= 1 and outputs["status"][-1] == Status.NORMAL
 
 
-def test_a_step_of_a_weak_return_is_contradicted_by_the_latest_frames():
-    """Ten of forty frames show the new altitude: too few for a second return at -28 dB, but they are the latest."""
-    path = np.where(np.arange(200) < 190, 500.0, 600.0)
-    outputs = tracked(flight(np.random.default_rng(25), path, -28.0))
-    assert outputs["status"][-2] == Status.NORMAL and outputs["status"][-1] == Status.NO_COMPUTED_DATA
-
-
-@pytest.mark.parametrize("after", [12, 15])
-def test_a_step_of_half_a_cell_that_leaves_the_peak_of_the_block_is_noticed(after):
-    """12 m at -26 dB: the block's peak stays at the old altitude, its last quarter has moved by more than the level."""
-    path = np.where(np.arange(400) < 400 - after, 500.0, 512.0)
-    outputs = tracked(flight(np.random.default_rng(43), path, -26.0))
+@pytest.mark.parametrize(
+    ("frames", "after", "step_m", "snr_db", "seed"),
+    [(200, 10, 100.0, -28.0, 25), (400, 12, 12.0, -26.0, 43), (400, 15, 12.0, -26.0, 43)],
+)
+def test_a_step_of_a_weak_return_is_contradicted_by_the_latest_frames(frames, after, step_m, snr_db, seed):
+    """Of forty frames ten show 100 m more: too few for a second return. Or twelve 12 m: the block's peak stays."""
+    path = np.where(np.arange(frames) < frames - after, 500.0, 500.0 + step_m)
+    outputs = tracked(flight(np.random.default_rng(seed), path, snr_db))
     assert outputs["status"][-2] == Status.NORMAL and outputs["status"][-1] == Status.NO_COMPUTED_DATA
 
 
@@ -278,16 +274,19 @@ def test_an_index_that_runs_backwards_starts_anew(back_to):
 
 
 @pytest.mark.parametrize(
-    ("level_db", "apart_m"), [(3.0, 100.0), (10.0, 100.0), (-3.0, 300.0), (-8.0, -100.0)]
+    ("level_db", "apart_m", "frames"),
+    [*((3.0, 100.0, 880), (10.0, 100.0, 880), (-3.0, 300.0, 880), (-8.0, -100.0, 880)), (13.0, 80.0, 2080)],
 )
-def test_a_second_return_that_could_be_the_ground_is_no_computed_data(level_db, apart_m):
-    """Spoofed in mid-track: the old altitude is still there, so neither is called NORMAL."""
-    rng = np.random.default_rng(12)
-    frames = flight(rng, np.full(1000, 500.0), 0.0)
-    frames[400:] += 10.0 ** (level_db / 20.0) * point_return(W, 500.0 + apart_m)
-    outputs = tracked(frames)
-    assert np.all(outputs["status"][3:10] == Status.NORMAL)
-    assert not np.any(outputs["status"][12:] == Status.NORMAL)
+def test_a_second_return_that_could_be_the_ground_is_no_computed_data(level_db, apart_m, frames):
+    """Spoofed in mid-track: the old altitude is still there, so neither is called NORMAL.
+
+    Nor after 1.8 s at 13 dB: alone the stronger one would be called NORMAL, since the ground is far below it.
+    """
+    flown = flight(np.random.default_rng(12), np.full(frames, 500.0), 0.0)
+    flown[280:] += 10.0 ** (level_db / 20.0) * point_return(W, 500.0 + apart_m)
+    outputs = tracked(flown)
+    assert np.all(outputs["status"][3:7] == Status.NORMAL)
+    assert not np.any(outputs["status"][7 if level_db > 10.0 else 9 :] == Status.NORMAL)
 
 
 @pytest.mark.parametrize(("altitude_m", "apart_m"), [(30, 16), (100, 16), (800, 16), (100, 21)])
@@ -300,17 +299,6 @@ def test_another_altimeter_a_resolution_cell_from_the_ground_leaves_neither(alti
     outputs = tracked(frames, settings=TrackerSettings(doppler=True))
     error_m = np.abs(outputs["altitude_m"] - path[outputs["frame_index"]])
     assert not np.any(error_m > outputs["protection_level_m"])
-
-
-@pytest.mark.parametrize("apart_m", [80.0, -80.0])
-def test_the_ground_is_not_given_up_for_a_stronger_return_near_by_while_it_is_there(apart_m):
-    """13 dB, for 1.8 s: alone the stronger one would be called NORMAL, since the ground is far below it."""
-    rng = np.random.default_rng(22)
-    frames = flight(rng, np.full(2080, 500.0), 0.0)
-    frames[280:] += 10.0 ** (13.0 / 20.0) * point_return(W, 500.0 + apart_m)
-    outputs = tracked(frames)
-    assert np.all(outputs["status"][3:7] == Status.NORMAL)
-    assert not np.any(outputs["status"][7:] == Status.NORMAL)
 
 
 def test_a_method_that_takes_the_ground_away_does_not_hand_the_track_to_a_stronger_return():
@@ -402,19 +390,6 @@ def test_timing_rest_is_taken_off():
     assert outputs["altitude_m"][-1] == pytest.approx(300.0 - 2.998, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: TrackerSettings(risk=0.5), "tracker.risk"),
-        (lambda: TrackerSettings(coast_s=float("nan")), "tracker.coast_s"),
-        (lambda: AltitudeTracker(ALTIMETER, TrackerSettings(output_s=0.005)), "at least 8"),
-    ],
-)
-def test_impossible_settings_are_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
-
-
 def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
     """5 MHz NR 60 dB above the return repeats every 20 ms: this draw has a false line of 5.5 deviations all along."""
     nr5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43)
@@ -432,7 +407,6 @@ def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
     ("level_db", "altitude_m", "first", "copy_m_per_s", "ground_m_per_s"),
     [
         (10.0, 500.0, 240, 12.0, 0.0),
-        (14.0, 100.0, 240, 12.0, 0.0),
         (20.0, 500.0, 185, 12.0, -0.5),  # soon after confirmation, while the track's speed is least certain
         (20.0, 500.0, 300, 19.5, -9.7),  # 48 m apart at the end, where the copy's side lobes cover the ground
     ],
@@ -528,8 +502,8 @@ def test_block_takes_the_received_frames_on_a_second_input():
     cleaned = flight(rng, np.full(240, 300.0), 0.0).astype(np.complex64)
     received = cleaned + point_return(W, np.full(240, 500.0), phase_cycles=rng.random(240))
     scene, outputs = parse_scene({}), []
-    for beside in (cleaned, received):
-        block, straight = radalt.altitude_tracker(scene, "tcae", received=True), Ragged(beside, 2)
+    for uncleaned in (cleaned, received):
+        block, straight = radalt.altitude_tracker(scene, "tcae", received=True), Ragged(uncleaned, 2)
         run(Ragged(cleaned, 1), block, also=(straight,), wires=((straight, (block, 1)),))
         outputs.append(block.outputs())
     assert outputs[0]["status"][-1] == Status.NORMAL
@@ -559,20 +533,3 @@ def test_a_scene_settles_whether_speed_shows_as_doppler():
     assert parse_scene({}).tracker_settings.doppler is False
     assert parse_scene({"altitude": {"mode": "true_delay"}}).tracker_settings.doppler is True
     assert parse_scene({"tracker": {"doppler": True, "risk": 1e-3}}).tracker_settings.risk == 1e-3
-
-
-@pytest.mark.parametrize("edge", ["first", "last"])
-def test_a_return_at_the_edge_of_the_span_may_seem_to_move_beyond_it(edge):
-    """The noise of a block's last quarter may lie highest where no cell belongs to an altitude.
-
-    The live view sends altitude zero where its button takes the timing anew.
-    """
-    rng = np.random.default_rng(20)
-    for _ in range(20):
-        block = block_of(rng, 40, -60.0)
-        tables = block.tables
-        cell = tables.first if edge == "first" else tables.last - 1
-        row = int(np.abs(tables.row_speed).argmin())
-        found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.full(2, float(cell)), 9.0, row)
-        moved_m, sigma_m = block.moved_since(found)
-        assert np.isfinite(moved_m) and sigma_m > 0

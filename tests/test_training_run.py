@@ -67,26 +67,6 @@ def test_a_stopped_run_goes_on_where_it_was(training, runs):
     assert steps == ["5", "10", "15", "20", "25", "30"]
 
 
-def test_two_processes_make_the_examples_of_one(training, runs):
-    folder, small = runs
-    status, _, errors = training(
-        "train.py", "compact_first", "--name", "two", "--steps", "25", "--workers", "2", *small
-    )
-    assert status == 0, errors
-    one, two = (
-        [row["validation_loss"] for row in csv.DictReader((folder / name / "log.csv").open())][:5]
-        for name in ("compact_first", "two")
-    )
-    assert len(two) == 5
-    assert [float(loss) for loss in one] == pytest.approx([float(loss) for loss in two], abs=2e-3)
-
-
-def test_no_process_that_makes_examples_is_one_line(training, runs):
-    status, _, errors = training("train.py", "compact_first", "--workers", "0", *runs[1])
-    assert status == 2
-    assert "--workers is 0" in errors.splitlines()[-1]
-
-
 def test_export_for_every_sweep_loads_and_is_the_same_network_at_its_own(training, root, tmp_path):
     """The weights of `tcae.onnx` in a graph that takes a sweep's tables: the same result but for rounding."""
     model = tmp_path / "any.onnx"
@@ -113,39 +93,6 @@ def test_the_shipped_network_is_what_its_weights_export_to(training, root, tmp_p
     )
     assert status == 0, errors
     assert model.read_bytes() == (root / "models/tcae.onnx").read_bytes()
-
-
-def test_doubling_is_a_transposed_convolution(training):
-    """One convolution for even and odd columns gives what the transposed one of the same weights does."""
-    status, said, errors = training("-c", DOUBLING)
-    assert status == 0 and float(said) < 1e-5, errors
-
-
-def test_a_faint_return_counts_by_decibels(training):
-    """Of an output with little of the return, half of the power costs 3 dB; without ``faint`` it costs nothing."""
-    status, said, errors = training("-c", FAINT)
-    assert status == 0, errors
-    plain, faint = map(float, said.split())
-    assert plain < 0.2 and faint == pytest.approx(np.log(2.0), abs=0.25)
-
-
-FAINT = """
-import sys
-sys.path[:0] = ["training", "python"]
-import numpy as np
-import torch
-from losses import BeatLoss
-from radalt.core.returns.point import point_return
-from radalt.core.waveform import Waveform
-waveform = Waveform()
-clean = point_return(waveform, np.array([300.0]))
-noise = np.random.default_rng(1).standard_normal((1, 7500, 2)).view(complex)[..., 0] * 10
-planes = [torch.tensor(np.stack([x.real, x.imag], 1), dtype=torch.float32) for x in
-          (clean, clean + noise, 0.5 ** 0.5 * clean + noise)]
-for faint in (0.0, 1e-4):
-    loss = BeatLoss(waveform, faint=faint)
-    print(float(loss(planes[2], planes[0]) - loss(planes[1], planes[0])))
-"""
 
 
 # the authors' layers by PyTorch's own: 2-D mixers, pooling with indices, unpooling, transposed convolutions
@@ -200,19 +147,6 @@ def test_the_authors_cnn_is_what_pytorchs_own_layers_give(training):
     assert int(parameters) == 2 * (200 * 64 + 200 * 64 * 64 + 200 * 64) + (64 + 64 + 1) * 2 + 5 + 6
 
 
-DOUBLING = """
-import sys
-sys.path[:0] = ["training", "python"]
-import torch
-from networks.layers import Doubling
-from torch import nn
-torch.manual_seed(5)
-layer = Doubling(6, 3)
-h = torch.randn(2, 6, 1, 9)
-print(float((layer(h, 18) - nn.ConvTranspose1d.forward(layer, h[:, :, 0])).abs().max()))
-"""
-
-
 def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     """`fc.onnx` stores int8; its training goes on from there."""
     folder, small = runs
@@ -220,22 +154,3 @@ def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     status, said, errors = training("train.py", "fc", "--steps", "1", *start, *small)
     assert status == 0, errors
     assert "starts from the weights of" in said
-
-
-DYING = """
-import multiprocessing, os, sys
-sys.path.insert(0, "training")
-import train
-queue = multiprocessing.Queue(1)
-worker = multiprocessing.Process(target=os._exit, args=(3,))
-worker.start()
-try:
-    train._take(queue, worker)
-except ChildProcessError as error:
-    print(error)
-"""
-
-
-def test_a_data_process_that_dies_is_not_waited_for(training):
-    _, said, errors = training("-c", DYING)
-    assert "ended with status 3" in said, errors

@@ -9,7 +9,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from test_identity import ONE_PACKAGE
 from waiting import ran_python
 
 WITHOUT_GNU_RADIO = """
@@ -61,14 +60,6 @@ def test_it_is_pure_small_and_whole(root, wheel):
     assert not [name for name in names if name.startswith("gnuradio/") and name not in wanted]
 
 
-def test_both_names_are_one_package(site, tmp_path):
-    for names in (("import radalt", "import gnuradio.radalt"), ("import gnuradio.radalt", "import radalt")):
-        done = python(
-            site, tmp_path, "-W", "error", "-c", ONE_PACKAGE.format(first=names[0], second=names[1])
-        )
-        assert done.returncode == 0, done.stderr
-
-
 def test_it_measures_and_commands_say_what_they_need(site, tmp_path):
     code = f"""{WITHOUT_GNU_RADIO}
 import radalt
@@ -87,13 +78,6 @@ assert programs.main(["eval", "--sim"]) == programs.main(["remote", "--sim"]) ==
     assert len(lines) == 2
     assert all("has no GNU Radio 3.10, which this command needs" in line for line in lines)
     assert all("radalt.evaluate in Python" in line for line in lines)
-
-
-def test_beside_gnu_radio_it_runs_the_flowgraph(site, tmp_path):
-    line = "eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --jobs 1 --out out".split()
-    done = python(site, tmp_path, "-m", "radalt", *line)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "out/report.html").is_file()
 
 
 def test_another_version_is_named_in_one_line(site, tmp_path):

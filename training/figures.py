@@ -24,7 +24,7 @@ from radalt.evaluation.engine import options
 
 ROOT = Path(__file__).resolve().parent.parent
 ALTITUDE_M = 300.0
-NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "compact": "tcae.onnx"}
+NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "tcae": "tcae.onnx"}
 
 
 def draw_beats(path: Path) -> None:

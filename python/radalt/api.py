@@ -312,18 +312,12 @@ def evaluate(
 
 @dataclass(frozen=True)
 class Report:
-    """Result of `evaluate`, or of any run of ``radalt eval`` and ``radalt collect`` (`Report.read`).
-
-    Attributes
-    ----------
-    folder : Path or None
-        Result folder: report.json, report.md, report.html, rows.csv, figures, the scene as used; None in memory.
-    content : dict
-        ``report.json``.
-    """
+    """Result of `evaluate`, or of any run of ``radalt eval`` and ``radalt collect`` (`Report.read`)."""
 
     folder: Path | None
+    """Result folder: report.json, report.md, report.html, rows.csv, figures, the scene as used; None in memory."""
     content: dict[str, Any] = dataclasses.field(repr=False)
+    """``report.json``."""
 
     @classmethod
     def read(cls, folder: str | Path) -> "Report":

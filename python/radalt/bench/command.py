@@ -22,34 +22,27 @@ PROGRAM, COMMAND = "bench", "bench"
 def _arguments(parser: Parser) -> None:
     add = parser.add_argument
     add("list", help="a shipped list (bench/*.yaml), or a YAML file of cases")
-    add(
+    parser.option(
         "--methods",
-        dest="entries",
+        "shipped methods, entries of the list and yours, with commas (default: the list's; none, and yours)",
         default="",
-        help="shipped methods, entries of the list and yours, with commas (default: the list's; none, and yours)",
+        dest="entries",
     )
     add_own(parser)
-    add(
+    parser.option(
         "--via",
-        choices=("direct", "flowgraph"),
+        "through GNU Radio's flowgraph: the same rows to the bit, in more time (default: direct)",
         default="direct",
-        help="through GNU Radio's flowgraph: the same rows to the bit, in more time (default: direct)",
+        choices=("direct", "flowgraph"),
     )
-    add("--cases", default="", help="these cases alone, with commas")
-    add("--frames", type=number(int, 1, 100_000), help="per level, in place of the list's")
-    add(
-        "--against",
-        type=path,
-        metavar="ROWS.csv",
-        help="stored rows to compare with (default: the list's, if shipped)",
+    parser.option("--cases", "these cases alone, with commas", default="")
+    parser.option("--frames", "per level, in place of the list's", number(int, 1, 100_000))
+    parser.option(
+        "--against", "stored rows to compare with (default: the list's, if shipped)", path, metavar="ROWS.csv"
     )
-    add(
-        "--confirm",
-        action="store_true",
-        help="draw every seed from the list and your files; runs the best shipped, too",
-    )
-    add("--stored", action="store_true", help="the report of the stored rows; measures nothing")
-    add("--plan", action="store_true", help="print the cases and their levels, and run nothing")
+    parser.flag("--confirm", "draw every seed from the list and your files; runs the best shipped, too")
+    parser.flag("--stored", "the report of the stored rows; measures nothing")
+    parser.flag("--plan", "print the cases and their levels, and run nothing")
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study | int:

@@ -22,33 +22,26 @@ class Programme:
 
     Parameters
     ----------
-    altitudes_m : tuple of float
-        Altitudes in the order they are flown.
-    frames_per_step : int
-        Frames at each altitude (trials).
-    preamble_frames : int
-        Frames at synthetic altitude zero with the jammer silent, on which the segmenter acquires timing.
-    sync_every_frames : int
-        Trials between further synchronisation sections; 0 for none.
-    sync_frames : int
-        Length of a further synchronisation section, in frames.
-    vertical_speed_m_per_s : float
-        Range rate during trials; for true delays only (a beat shift has no Doppler).
     speeds_m_per_s, phases_cycles : tuple of float
         Range rate and carrier phase of each altitude, where returns are drawn; empty where they are not.
-    hold_last : bool
-        True repeats the last altitude without end; False returns to altitude zero, without trials.
     """
 
     altitudes_m: tuple[float, ...] = (200.0,)
+    """Altitudes in the order they are flown."""
     frames_per_step: int = 15
+    """Frames at each altitude (trials)."""
     preamble_frames: int = 8
+    """Frames at synthetic altitude zero with the jammer silent, on which the segmenter acquires timing."""
     sync_every_frames: int = 0
+    """Trials between further synchronisation sections; 0 for none."""
     sync_frames: int = 8
+    """Length of a further synchronisation section, in frames."""
     vertical_speed_m_per_s: float = 0.0
+    """Range rate during trials; for true delays only (a beat shift has no Doppler)."""
     speeds_m_per_s: tuple[float, ...] = ()
     phases_cycles: tuple[float, ...] = ()
     hold_last: bool = False
+    """True repeats the last altitude without end; False returns to altitude zero, without trials."""
 
     def __post_init__(self) -> None:
         if not self.altitudes_m:

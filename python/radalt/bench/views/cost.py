@@ -8,7 +8,7 @@ import numpy as np
 
 from ...evaluation.results.pareto import draw_pareto
 from ...evaluation.results.proportion import clopper_pearson_bound
-from ...evaluation.results.table import table
+from ...evaluation.results.table import number, table
 from ..paired import curves, held
 from ..rows import Row
 
@@ -77,7 +77,7 @@ def summary_table(summary: Mapping[str, Mapping[str, float]]) -> str:
         lines.append(
             [
                 name,
-                f"{s['held_db']:.1f}",
+                number(s["held_db"], 1),
                 *(
                     f"{wrong} of {trials} ({clopper_pearson_bound(wrong, trials):.2g})"
                     for wrong, trials in counts

@@ -1,4 +1,4 @@
-"""Pd over the level with 95 % intervals, a panel per case, at its largest overlap."""
+"""Pd over the level with 95 % intervals, a panel per case and overlap; of many, at the largest overlap alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,22 +8,20 @@ from ...evaluation.results.style import series_style
 from ..paired import curves, level_db
 from ..rows import Row
 
-_PANELS = 9  # cases in the figure: the first ones; the table has all
+_PANELS = 15  # panels of a figure: the first ones; the table has all
 _LINES = 8  # entries in a panel
 
 
 def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path) -> None:
     """The figure; nothing is written where no case has three levels."""
     found = curves(rows)
-    fullest = {case: max(overlap for name, overlap in found if name == case) for case, _ in found}
-    shown = [
-        (case, overlap)
-        for (case, overlap), by in found.items()
-        if overlap == fullest[case] and max(map(len, by.values())) >= 3
-    ][:_PANELS]
+    shown = [where for where, by in found.items() if max(map(len, by.values())) >= 3]
     if not shown:
         return
-    across = min(3, len(shown))
+    if len(shown) > _PANELS:
+        fullest = {case: max(overlap for name, overlap in shown if name == case) for case, _ in shown}
+        shown = [where for where in shown if where[1] == fullest[where[0]]][:_PANELS]
+    across = min(3 if len(shown) > 4 else 2, len(shown))
     down = -(-len(shown) // across)
     figure = new_figure(2.9 * across + 0.6, 2.3 * down + 0.7)
     axes = figure.subplots(down, across, sharey=True, squeeze=False)

@@ -30,7 +30,7 @@ class Imat(Mitigation):
     """
 
     name = "imat"
-    style = PlotStyle("#44AA99", "v", (0, (4, 2)))
+    style = PlotStyle("#44CC66", "v", (0, (4, 2)))
 
     def __init__(
         self,

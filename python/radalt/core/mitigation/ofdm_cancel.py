@@ -9,7 +9,7 @@ from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.arrays import power
 from .ofdm.burst_detection import loud_burst
-from .ofdm.iterative_receiver import IterativeReceiver, Reception
+from .ofdm.iterative_receiver import ITERATION_FFTS, IterativeReceiver, Reception
 from .ofdm.numerology import Numerology
 from .ofdm.return_estimation import ReturnEstimator
 from .ofdm.return_mask import ReturnMask
@@ -19,14 +19,8 @@ from .ofdm.tone_removal import without_tones
 from .ofdm.tracking import TrackingState, grid_of, next_state, tracked
 from .outcome import PASSED, Outcome
 
-_PRICED = 7500  # samples of the frame for which steps are priced
 _TINY = float(np.finfo(np.float32).tiny)
-_VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = (
-    3.0,
-    7.0,
-    25.0,
-    35.0,
-)  # prices, see `IterativeReceiver`
+_LOOK_FFTS = 5.0  # price of a look for a return, or for a prefix
 
 
 class OfdmCancel(Mitigation):
@@ -137,7 +131,7 @@ class OfdmCancel(Mitigation):
         level = float(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not _TINY < level < np.inf:  # of powers that no float32 holds
             return None
-        self._ffts = _VISIBLE_FFTS
+        self._ffts = _LOOK_FFTS
         for receiver in self._receivers.values():
             receiver.ffts = 0.0
         visibility = self._returns.visibility(frame)
@@ -150,7 +144,7 @@ class OfdmCancel(Mitigation):
         if out is None and search and self._may_search():
             out = self._search(frame, level, visibility)
         spent = self._ffts + sum(receiver.ffts for receiver in self._receivers.values())
-        spent *= frame.size / _PRICED
+        spent *= frame.size / 7500  # samples of the frame for which steps are priced
         if out is None:
             self.outcome = Outcome("passed", ffts=spent)
         else:
@@ -174,7 +168,7 @@ class OfdmCancel(Mitigation):
         tones = received is not None
         received = received if tones else frame
         if tones:
-            self._ffts += _TONES_FFTS
+            self._ffts += ITERATION_FFTS
             level = float(np.sqrt(np.vdot(received, received).real / frame.size))
         x = received * np.float32(1 / max(level, _TINY))
         sizes = power(x)
@@ -188,7 +182,7 @@ class OfdmCancel(Mitigation):
             if prefix.contrast > s.certain_contrast:
                 break
         prefix, kind = best
-        self._ffts += _PREFIX_FFTS
+        self._ffts += _LOOK_FFTS
         if prefix.contrast < s.prefix_contrast:
             self._in_vain = 0  # nothing to be searched
             return None
@@ -197,7 +191,7 @@ class OfdmCancel(Mitigation):
             self.outcome = Outcome("blanked")
             return np.where(burst, np.complex64(0), frame)
         self._in_vain += 1
-        self._ffts += _ACQUIRE_FFTS
+        self._ffts += ITERATION_FFTS
         receiver, mask = self._receivers[kind], self._masks[kind]
         grid, first_long = acquire(x, prefix, kind, mask, s)
         free = mask.free(grid.starts, prefix.cfo)
@@ -221,7 +215,7 @@ class OfdmCancel(Mitigation):
             return None
         received = frame
         if state.tones:
-            self._ffts += _TONES_FFTS
+            self._ffts += ITERATION_FFTS
             toneless = without_tones(frame)
             received = frame if toneless is None else toneless
         x = received * np.float32(1 / state.level)

@@ -36,7 +36,7 @@ class StftCfar(Mitigation):
     """
 
     name = "stft_cfar"
-    style = PlotStyle("#882255", "^", (0, (2, 1)))
+    style = PlotStyle("#220088", "^", (0, (2, 1)))
 
     def __init__(
         self, waveform: Waveform, *, fill: str = "zero", pfa: float = 1e-4, span_m: float | None = None

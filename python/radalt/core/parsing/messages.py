@@ -54,9 +54,8 @@ def allowed(name: Any, known: Iterable[str]) -> str:
 def check_range(where: str, owner: object, **limits: tuple[float, ...]) -> None:
     """Check attributes of ``owner`` against their (lowest, highest), both allowed; None is no value and passes.
 
-    A third limit is the least magnitude of what is not 0.
-    Raises `ValueError`: ``where.name``, value, limits, and of a frequency below them the value in MHz, kHz or GHz
-    that lies within; also for NaN.
+    A third limit is the least magnitude of what is not 0. Raises `ValueError`: ``where.name``, value, limits, and of
+    a frequency below them the value in MHz, kHz or GHz that lies within; also for NaN.
 
     Examples
     --------

@@ -15,13 +15,9 @@ PROGRAM, COMMAND = "calibrate_leakage", "calibrate-leakage"
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
-    parser.add_argument(
-        "--scene", default="leakage", help="YAML file, or a shipped scene (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--frames", type=number(int, 20, 100_000), default=400, help="averaged (default: %(default)s)"
-    )
-    parser.add_argument("--out", type=path, required=True, help="file of the calibration")
+    parser.option("--scene", "YAML file, or a shipped scene", default="leakage")
+    parser.option("--frames", "averaged", number(int, 20, 100_000), 400)
+    parser.option("--out", "file of the calibration", path, required=True)
     return parser
 
 

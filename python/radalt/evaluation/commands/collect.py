@@ -21,15 +21,10 @@ PROGRAM, COMMAND = "collect", "collect"
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     parser.add_argument("folders", nargs="+", metavar="DIR", help="result folder of ota_eval")
-    parser.add_argument(
-        "--against",
-        default="",
-        metavar="METHOD",
-        help="method to compare every other with (default: the best)",
+    parser.option(
+        "--against", "method to compare every other with (default: the best)", default="", metavar="METHOD"
     )
-    parser.add_argument(
-        "--out", type=path, help="folder of the report (default: results/collected-DATE-TIME)"
-    )
+    parser.option("--out", "folder of the report (default: results/collected-DATE-TIME)", path)
     return parser
 
 

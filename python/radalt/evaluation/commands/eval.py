@@ -35,38 +35,32 @@ DEFAULT_SCENE = "paper_qpsk"
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
-    add = parser.add_argument
-    add("--sim", action="store_true", help="simulated channel in place of the two B210s")
-    add("--scene", help=f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
-    add("--methods", help="mitigation methods separated by commas, e.g. none,whitening,tcae")
-    add("--overlap", metavar="LIST", help="overlaps, 0..1")
-    add("--sir-db", metavar="LIST", help="signal-to-interference ratios, averaged over the sweep")
-    add("--snr-db", metavar="LIST", help="signal-to-noise ratios (simulated channel)")
-    add("--altitudes", metavar="LIST", help="altitudes in metres, in the order of the run")
-    add("--frames", type=int, help="frames at each altitude")
-    add(
+    parser.flag("--sim", "simulated channel in place of the two B210s")
+    parser.option("--scene", f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
+    parser.option("--methods", "mitigation methods separated by commas, e.g. none,whitening,tcae")
+    parser.option("--overlap", "overlaps, 0..1", metavar="LIST")
+    parser.option("--sir-db", "signal-to-interference ratios, averaged over the sweep", metavar="LIST")
+    parser.option("--snr-db", "signal-to-noise ratios (simulated channel)", metavar="LIST")
+    parser.option("--altitudes", "altitudes in metres, in the order of the run", metavar="LIST")
+    parser.option("--frames", "frames at each altitude", int)
+    parser.flag(
         "--tracked",
-        action="store_true",
-        help="also run every point with altitudes that last for a tracker, and score it (simulated channel)",
+        "also run every point with altitudes that last for a tracker, and score it (simulated channel)",
     )
-    add("--seed", type=int, help="seed of everything random")
+    parser.option("--seed", "seed of everything random", int)
     add_own(parser)
     add_options(parser)
-    add(
-        "--plan",
-        action="store_true",
-        help="print the parts of the run and those left out, with reasons; run nothing",
-    )
-    add("--transmit", action="store_true", help="with radios: allow transmission into the scene's enclosure")
-    add("--check", action="store_true", help="print the settings of the radios, and transmit nothing")
-    add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
-    add("--capture", action="store_true", help="record the received samples, as SigMF below OUT/captures")
-    add("--replay", type=path, metavar="FILE", help="score every method on a SigMF recording")
-    add(
+    parser.flag("--plan", "print the parts of the run and those left out, with reasons; run nothing")
+    parser.flag("--transmit", "with radios: allow transmission into the scene's enclosure")
+    parser.flag("--check", "print the settings of the radios, and transmit nothing")
+    parser.flag("--calibrate", "measure and store the radios' latency over a cable")
+    parser.flag("--capture", "record the received samples, as SigMF below OUT/captures")
+    parser.option("--replay", "score every method on a SigMF recording", path, metavar="FILE")
+    parser.option(
         "--reference-m",
-        type=number(float, 0, 1e6),
+        "with --replay of another program's recording: altitude at its beginning",
+        number(float, 0, 1e6),
         metavar="M",
-        help="with --replay of another program's recording: altitude at its beginning",
     )
     return parser
 

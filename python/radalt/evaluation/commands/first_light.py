@@ -19,23 +19,16 @@ PROGRAM, COMMAND = "first_light", "first-light"
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
-    add = parser.add_argument
-    add("--sim", action="store_true", help="simulated channel in place of the radios")
-    add(
-        "--scene",
-        help="YAML file of the bench; with --sim a shipped scene's name does, too (default: paper_qpsk)",
+    parser.flag("--sim", "simulated channel in place of the radios")
+    parser.option(
+        "--scene", "YAML file of the bench; with --sim a shipped scene's name does, too (default: paper_qpsk)"
     )
-    add("--transmit", action="store_true", help="allow transmission into the scene's enclosure")
-    add("--steps", metavar="LIST", help="these steps alone, with commas, and those that they need")
-    add("--frames", type=number(int, 4, 200), default=15, help="at each altitude (default: %(default)s)")
-    add(
-        "--starts",
-        type=number(int, 2, 100),
-        default=10,
-        help="whose latencies are compared (default: %(default)s)",
-    )
-    add("--minutes", type=number(float, 0.001, 30), help="of the last step (default: 10, with --sim 0.02)")
-    add("--out", type=path, help="result folder (default: results/first-light-DATE-TIME)")
+    parser.flag("--transmit", "allow transmission into the scene's enclosure")
+    parser.option("--steps", "these steps alone, with commas, and those that they need", metavar="LIST")
+    parser.option("--frames", "at each altitude", number(int, 4, 200), 15)
+    parser.option("--starts", "whose latencies are compared", number(int, 2, 100), 10)
+    parser.option("--minutes", "of the last step (default: 10, with --sim 0.02)", number(float, 0.001, 30))
+    parser.option("--out", "result folder (default: results/first-light-DATE-TIME)", path)
     return parser
 
 

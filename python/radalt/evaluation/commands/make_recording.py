@@ -98,38 +98,18 @@ def write(meta: Path, samples: np.ndarray, rate_hz: float, description: str) -> 
 
 def _parser() -> Parser:
     parser = Parser("make_recording", __doc__)
-    add = parser.add_argument
-    add(
-        "--from",
-        dest="source",
-        choices=(DOWNLINK, *TRANSMITTERS),
-        default=DOWNLINK,
-        help="default: %(default)s",
+    parser.option("--from", "", default=DOWNLINK, choices=(DOWNLINK, *TRANSMITTERS), dest="source")
+    parser.option(
+        "--out", "default: results/recorded.sigmf-meta, or results/NAME.sigmf-meta with --from NAME", path
     )
-    add(
-        "--out",
-        type=path,
-        help="default: results/recorded.sigmf-meta, or results/NAME.sigmf-meta with --from NAME",
-    )
-    add(
-        "--antennas",
-        type=int,
-        choices=(1, 2),
-        default=2,
-        help="transmit antennas of the downlink (default: %(default)s)",
-    )
-    add(
-        "--load",
-        type=number(float, 0, 1),
-        default=0.7,
-        help="fraction of the downlink's resource blocks in use (default: %(default)s)",
-    )
-    add(
+    parser.option("--antennas", "transmit antennas of the downlink", int, 2, choices=(1, 2))
+    parser.option("--load", "fraction of the downlink's resource blocks in use", number(float, 0, 1), 0.7)
+    parser.option(
         "--snr-db",
-        type=number(float, -20, 60),
-        help=f"SNR in the recording's rate (default: {DOWNLINK_SNR_DB:g} for {DOWNLINK}, no noise for the others)",
+        f"SNR in the recording's rate (default: {DOWNLINK_SNR_DB:g} for {DOWNLINK}, no noise for the others)",
+        number(float, -20, 60),
     )
-    add("--seed", type=number(int, 0, MAX_SEED), default=1, help="default: %(default)s")
+    parser.option("--seed", "", number(int, 0, MAX_SEED), 1)
     return parser
 
 

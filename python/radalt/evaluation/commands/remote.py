@@ -16,19 +16,19 @@ PROGRAM, COMMAND = "ota_remote", "remote"
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
-    parser.add_argument("--sim", action="store_true", help="simulated channel in place of the two B210s")
-    parser.add_argument("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
-    parser.add_argument("--methods", default="none,tcae", help="methods separated by commas (%(default)s)")
-    parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556", help="PUB endpoint (%(default)s)")
-    parser.add_argument("--control", default="tcp://127.0.0.1:5557", help="REP endpoint (%(default)s)")
-    parser.add_argument("--network", action="store_true", help="allow endpoints that other machines reach")
-    parser.add_argument(
+    parser.flag("--sim", "simulated channel in place of the two B210s")
+    parser.option("--scene", "YAML file or shipped scene", default="paper_qpsk")
+    parser.option("--methods", "methods separated by commas", default="none,tcae")
+    parser.option("--telemetry", "PUB endpoint", default="tcp://127.0.0.1:5556")
+    parser.option("--control", "REP endpoint", default="tcp://127.0.0.1:5557")
+    parser.flag("--network", "allow endpoints that other machines reach")
+    parser.option(
         "--keep-alive-s",
-        type=number(float, 0, 86400),
-        default=0.0,
-        help="with radios: stop transmitting after this time without a request; 0 (default): never",
+        "with radios: stop transmitting after this time without a request; 0 (default): never",
+        number(float, 0, 86400),
+        0.0,
     )
-    parser.add_argument("--transmit", action="store_true", help="with radios: allow transmission")
+    parser.flag("--transmit", "with radios: allow transmission")
     return parser
 
 

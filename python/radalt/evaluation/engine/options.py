@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ...core.parsing.messages import MINUS, did_you_mean
 from ...core.paths import no_gnu_radio
@@ -203,6 +203,18 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
 
+    def option(
+        self, name: str, help: str, kind: Callable[[str], object] = str, default: object = None, **more: Any
+    ) -> None:
+        """An option with a value; its help text ends with the default, unless it says that itself."""
+        if default not in (None, "") and "default" not in help:
+            help = f"{help} (default: %(default)s)".lstrip()
+        self.add_argument(name, type=kind, default=default, help=help, **more)
+
+    def flag(self, name: str, help: str) -> None:
+        """An option without a value."""
+        self.add_argument(name, action="store_true", help=help)
+
     def error(self, message: str) -> NoReturn:
         """One line, status 2."""
         strange = message.removeprefix("unrecognized arguments: ").split()[0].partition("=")[0]
@@ -218,42 +230,25 @@ def add_options(
 
     ``--seed`` is an option of the study, since rows depend on it.
     """
-    add = parser.add_argument
     default = f" (default: {out})" if out else ""
-    add("--out", type=path, default=out and Path(out), help=f"result folder{default}")
-    add("--resume", action="store_true", help="complete the run in --out")
-    add(
-        "--by",
-        type=words,
-        default="",
-        metavar="TEXT",
-        help="who measures and where, for the report and for collect",
-    )
-    add(
+    parser.option("--out", f"result folder{default}", path, out and Path(out))
+    parser.flag("--resume", "complete the run in --out")
+    parser.option("--by", "who measures and where, for the report and for collect", words, "", metavar="TEXT")
+    parser.option(
         "--publish",
-        type=path,
+        "at the end, copy page, figures and data to DIR under the names that the documentation links to",
+        path,
         metavar="DIR",
-        help="at the end, copy page, figures and data to DIR under the names that the documentation links to",
     )
-    add(
-        "--jobs",
-        type=number(int, 1, MAX_JOBS),
-        default=2,
-        help="local worker processes (default: %(default)s); rows do not depend on it",
-    )
-    add(
+    parser.option("--jobs", "local worker processes; rows do not depend on it", number(int, 1, MAX_JOBS), 2)
+    parser.option(
         "--scheduler",
+        "run the points on a Dask cluster: tcp://host:8786, or its scheduler file; rows do not depend on it",
         default="",
         metavar="ADDRESS|FILE",
-        help="run the points on a Dask cluster: tcp://host:8786, or its scheduler file; rows do not depend on it",
     )
-    add(
-        "--time-limit-s",
-        type=number(float, 1e-3, 1e7),
-        default=time_limit_s,
-        help="longest time for one point (default: %(default)g)",
-    )
-    add("--dry-run", action="store_true", help="print points and frames; measure nothing")
+    parser.option("--time-limit-s", "longest time for one point", number(float, 1e-3, 1e7), time_limit_s)
+    parser.flag("--dry-run", "print points and frames; measure nothing")
 
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:

@@ -17,21 +17,17 @@ from .study import Study
 
 def add_methods(parser: Parser, default: str) -> None:
     """``--methods``; `StudyCommand` converts it to a tuple of known names."""
-    parser.add_argument(
-        "--methods", default=default, help="methods separated by commas (default: %(default)s)"
-    )
+    parser.option("--methods", "methods separated by commas", default=default)
 
 
 def add_frames(parser: Parser, default: int, what: str, *, low: int = 1, high: int = 2_000_000) -> None:
     """``--frames``."""
-    parser.add_argument(
-        "--frames", type=number(int, low, high), default=default, help=f"{what} (default: %(default)s)"
-    )
+    parser.option("--frames", what, number(int, low, high), default)
 
 
 def add_seed(parser: Parser, default: int) -> None:
     """``--seed``."""
-    parser.add_argument("--seed", type=number(int, 0, MAX_SEED), default=default, help="default: %(default)s")
+    parser.option("--seed", "", number(int, 0, MAX_SEED), default)
 
 
 @dataclass(frozen=True)

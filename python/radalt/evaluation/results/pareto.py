@@ -68,9 +68,9 @@ def _name_points(figure: Any, axis: Any, points: Mapping[str, tuple[float, float
     ]
     for name in sorted(points, key=lambda name: points[name]):
         for x, y, side in places:
-            text = axis.annotate(
-                name, points[name], xytext=(x, y), textcoords="offset points", fontsize=9, ha=side
-            )
+            colour = series_style(name, tuple(points))["color"]
+            style = {"textcoords": "offset points", "fontsize": 9, "ha": side, "color": colour}
+            text = axis.annotate(name, points[name], xytext=(x, y), **style)
             box = text.get_window_extent()
             if not (any(box.overlaps(other) for other in taken) or box.count_contains(dots)):
                 break

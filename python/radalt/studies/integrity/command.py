@@ -25,14 +25,13 @@ METHODS = "none,whitening,tcae,hybrid"
 
 
 def _arguments(parser: Parser) -> None:
-    add = parser.add_argument
     add_methods(parser, METHODS)
-    add("--groups", default="", help="kinds of cases with commas (default: all)")
-    add(
+    parser.option("--groups", "kinds of cases with commas (default: all)", default="")
+    parser.option(
         "--hours",
-        type=number(float, 0.0, 10_000.0),
-        default=0.0,
-        help="least flight hours in all (default: one flight of every case)",
+        "least flight hours in all (default: one flight of every case)",
+        number(float, 0.0, 10_000.0),
+        0.0,
     )
     add_frames(
         parser,
@@ -41,14 +40,14 @@ def _arguments(parser: Parser) -> None:
         low=40,
         high=100_000,
     )
-    add(
+    parser.option(
         "--allowed-m-per-s",
-        type=number(float, 10.0, 150.0),
-        default=20.0,
-        help="vertical speed that altimeter and tracker have to expect (default: %(default)s)",
+        "vertical speed that altimeter and tracker have to expect",
+        number(float, 10.0, 150.0),
+        20.0,
     )
     add_seed(parser, 1)
-    add("--replay", default="", metavar="CASE:SEED[:BATCH]", help="fly once more and print every output")
+    parser.option("--replay", "fly once more and print every output", default="", metavar="CASE:SEED[:BATCH]")
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> "IntegrityStudy | int":

@@ -116,12 +116,13 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
         bound = total.bound("hazardous")
         bottom.axhline(bound, color="black", lw=1.5, ls=":")
         said = f"tracked: {total.hazardous} of {total.outputs:,}\nhazardous (95 % bound)"
-        at = {"transform": bottom.get_yaxis_transform(), "ha": "left", "va": "top", "fontsize": 9}
-        bottom.text(0.02, 0.8 * bound, said, **at)
+        at = {"transform": bottom.get_yaxis_transform(), "ha": "right", "va": "top", "fontsize": 9}
+        bottom.text(0.98, 0.8 * bound, said, **at)
         bottom.set_ylim(bottom=0.15 * bound)
-        top.legend(loc="lower right", fontsize=9, frameon=False)
+        top.legend(loc="lower left", fontsize=9, frameon=False)
     top.set(ylabel="available, tracked", ylim=(-0.02, 1.02))
     bottom.set(ylabel="wrong, per frame", xlabel="SIR over the whole frame / dB")
     for axis in (top, bottom):
         axis.grid(color="0.9")
+    bottom.invert_xaxis()  # of both: interference grows to the right
     save_figure(figure, path)

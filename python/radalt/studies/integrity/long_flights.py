@@ -38,16 +38,14 @@ TIMES_S = (
 
 @dataclass(frozen=True)
 class Scatterers:
-    """Scatterers of a block, (n,) each: ranges at its middle, their rates, and accelerations.
-
-    ``nearest_m`` (40,) is the range of the nearest one in the beam; ``amplitude`` complex64, of unit power together.
-    """
+    """Scatterers of a block, (n,) each: ranges at its middle, their rates, and accelerations."""
 
     amplitude: np.ndarray
     range_m: np.ndarray
     rate_m_per_s: np.ndarray
     bend_m_per_s2: np.ndarray
     nearest_m: np.ndarray
+    """(40,) is the range of the nearest one in the beam; ``amplitude`` complex64, of unit power together."""
 
 
 @dataclass(frozen=True)

@@ -28,28 +28,26 @@ def _arguments(parser: Parser) -> None:
     add = parser.add_argument
     default = share_dir() / "flowgraphs" / "landing" / "study.yaml"
     add("study", nargs="?", type=path, default=default, help="YAML file")
-    add("--trajectory", type=path, help="CSV: a track, or ADS-B state vectors")
-    add("--aircraft", help="icao24 or callsign to take from the trajectory file")
-    add(
-        "--altitude-offset-m",
-        type=number(float, -1e5, 1e5),
-        help="added to the trajectory's altitudes (datum)",
+    parser.option("--trajectory", "CSV: a track, or ADS-B state vectors", path)
+    parser.option("--aircraft", "icao24 or callsign to take from the trajectory file")
+    parser.option(
+        "--altitude-offset-m", "added to the trajectory's altitudes (datum)", number(float, -1e5, 1e5)
     )
-    add("--altitude-unit", choices=("m", "ft"), help="of an altitude column that does not state it")
-    add("--max-gap-s", type=number(float, 0, 1e6), help="longest gap in the trajectory that is interpolated")
-    add("--terrain", type=path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
-    add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
-    add("--flat-m", type=number(float, -1e4, 1e4), help="elevation of the flat earth")
-    add("--sir-db", type=number(float, -200, 20), help="SIR of the approach and the sensitivity table")
-    add("--methods", help="comma-separated, e.g. none,whitening,tcae")
-    add("--frames", type=number(int, 0, 2_000_000), help="frames of the approach; 0 leaves it out")
-    add(
+    parser.option("--altitude-unit", "of an altitude column that does not state it", choices=("m", "ft"))
+    parser.option("--max-gap-s", "longest gap in the trajectory that is interpolated", number(float, 0, 1e6))
+    parser.option("--terrain", "DTED files; none of them: flat earth at --flat-m", path, nargs="*")
+    parser.option("--void", "what to do about voids in the terrain", choices=("error", "fill"))
+    parser.option("--flat-m", "elevation of the flat earth", number(float, -1e4, 1e4))
+    parser.option("--sir-db", "SIR of the approach and the sensitivity table", number(float, -200, 20))
+    parser.option("--methods", "comma-separated, e.g. none,whitening,tcae")
+    parser.option("--frames", "frames of the approach; 0 leaves it out", number(int, 0, 2_000_000))
+    parser.option(
         "--sensitivity-trials",
-        type=number(int, 0, 1_000_000),
-        help="frames per row of the sensitivity table; 0: no table",
+        "frames per row of the sensitivity table; 0: no table",
+        number(int, 0, 1_000_000),
     )
     what = "of scatterers, noise and interference (default: the study's)"
-    add("--seed", type=number(int, 0, MAX_SEED), help=what)
+    parser.option("--seed", what, number(int, 0, MAX_SEED))
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> "LandingStudy":

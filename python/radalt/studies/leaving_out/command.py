@@ -21,7 +21,7 @@ PROGRAM, COMMAND = "leaving_out", "leaving-out"
 def _arguments(parser: Parser) -> None:
     add_frames(parser, 100, "frames at each altitude")
     what = "runs of each (default: %(default)s)"
-    parser.add_argument("--repeats", type=number(int, 1, 10_000), default=3, help=what)
+    parser.option("--repeats", what, number(int, 1, 10_000), 3)
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study:

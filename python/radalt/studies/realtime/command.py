@@ -26,31 +26,25 @@ FREE, HELD = "as fast as it goes", "held to real time"
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
-    add = parser.add_argument
-    add("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
-    add("--methods", default="none,tcae", help="with commas (%(default)s)")
-    add("--seconds", type=number(float, 0.01, 86_400), default=60.0, help="of signal, each run (%(default)g)")
-    add(
+    parser.option("--scene", "YAML file or shipped scene", default="paper_qpsk")
+    parser.option("--methods", "with commas", default="none,tcae")
+    parser.option("--seconds", "of signal, each run", number(float, 0.01, 86_400), 60.0)
+    parser.option(
         "--rate-hz",
-        type=number(float, 1e3, 1e9),
-        help="sample rate and swept bandwidth, in place of the scene's (the network takes 7.5e6 alone)",
+        "sample rate and swept bandwidth, in place of the scene's (the network takes 7.5e6 alone)",
+        number(float, 1e3, 1e9),
     )
-    add("--overlap", type=number(float, 0, 1), default=1.0, help="of the interference (%(default)g)")
-    add(
-        "--batch",
-        type=number(int, 1, 4096),
-        default=8,
-        help="frames a run of the network takes at most (%(default)s)",
-    )
-    add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
-    add("--skip-clean", action="store_true", help="frames without interference skip the network")
-    add("--tracked", action="store_true", help="an altitude tracker instead of every altimeter")
+    parser.option("--overlap", "of the interference", number(float, 0, 1), 1.0)
+    parser.option("--batch", "frames a run of the network takes at most", number(int, 1, 4096), 8)
+    parser.flag("--one-process", "network in the flowgraph's own process, on any core")
+    parser.flag("--skip-clean", "frames without interference skip the network")
+    parser.flag("--tracked", "an altitude tracker instead of every altimeter")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--free-only", action="store_true", help="leave out the run held to real time")
     which.add_argument(
         "--held-only", action="store_true", help="only the run held to real time, and no functions alone"
     )
-    add("--out", type=path, help="result folder for report.md, report.html and report.json (default: none)")
+    parser.option("--out", "result folder for report.md, report.html and report.json (default: none)", path)
     return parser
 
 
@@ -77,13 +71,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     scene = long_scene(scene, args.seconds)
     samples = scene.waveform.samples_per_frame
     options = {"batch": args.batch, "skip_clean": args.skip_clean}
-    beside = {"own_process": not args.one_process, "track": args.tracked}
+    extras = {"own_process": not args.one_process, "track": args.tracked}
     folder = (
-        _folder(args.out, scene, methods, options | beside, command_of(args, parser)) if args.out else None
+        _folder(args.out, scene, methods, options | extras, command_of(args, parser)) if args.out else None
     )
     with tempfile.TemporaryDirectory(prefix="radalt_") as build:
         for realtime in [False] * (not args.held_only) + [True] * (not args.free_only):
-            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options, **beside)
+            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options, **extras)
             limit = 20.0 * args.seconds * max(1.0, scene.waveform.rate_hz / 7.5e6) + 60.0
             unit_s = [fft_seconds(samples)]
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)

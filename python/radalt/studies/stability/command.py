@@ -25,11 +25,10 @@ GROUPS = "stiff,scene,waveform,numbers,front_end"
 
 
 def _arguments(parser: Parser) -> None:
-    add = parser.add_argument
     add_methods(parser, METHODS)
-    add("--models", nargs="*", type=path, help="ONNX files of tcae (default: all of models/)")
-    add("--groups", default=GROUPS, help="groups of cases (default: %(default)s)")
-    add("--no-checks", action="store_true", help="leave out long runs, determinism and flowgraph")
+    parser.option("--models", "ONNX files of tcae (default: all of models/)", path, nargs="*")
+    parser.option("--groups", "groups of cases", default=GROUPS)
+    parser.flag("--no-checks", "leave out long runs, determinism and flowgraph")
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study:

@@ -52,27 +52,13 @@ def fourth_powers(elements: np.ndarray, level: np.ndarray, trust: np.ndarray) ->
 
 @dataclass(frozen=True)
 class ChannelStart:
-    """What the iterative receiver begins with.
+    """What the iterative receiver begins with."""
 
-    Attributes
-    ----------
-    channel : (1, K) or (L, K) complex64
-        Up to a quarter turn per subcarrier.
-    used : (K,) bool
-        Subcarriers in use.
-    phase : (L, 1) complex64
-        Factors that bring all symbols to one phase.
-    model : str
-        Of the channel: "static", "moving" or "tile".
-    noise : (L, K) float32 or None
-        Unknown if None.
-    """
-
-    channel: np.ndarray
-    used: np.ndarray
-    phase: np.ndarray
-    model: str
-    noise: np.ndarray | None = None
+    channel: np.ndarray  # (1, K) or (L, K) complex64, up to a quarter turn per subcarrier
+    used: np.ndarray  # (K,) bool: subcarriers in use
+    phase: np.ndarray  # (L, 1) complex64 factors that bring all symbols to one phase
+    model: str  # of the channel: "static", "moving" or "tile"
+    noise: np.ndarray | None = None  # (L, K) float32; unknown if None
 
 
 def blind_channel(grid: ElementGrid, free: np.ndarray, model: str, settings: OfdmSettings) -> ChannelStart:
@@ -117,10 +103,7 @@ def blind_channel(grid: ElementGrid, free: np.ndarray, model: str, settings: Ofd
 
 
 def _widest(mean: np.ndarray) -> np.ndarray:
-    """(K,) mean fourth powers, averaged over as many subcarriers as least squares error allows.
-
-    The error of a width n is its bias, measured against five subcarriers, plus noise / n.
-    """
+    """(K,) mean fourth powers, averaged over as many subcarriers as least squares error allows."""
     noise = float(np.mean(power(mean[1:] - mean[:-1])) / 2)
     near = moving_average(mean, 5)
     best, least = near, np.inf
@@ -153,22 +136,14 @@ class ChannelEstimator:
     ) -> np.ndarray:
         """Channel, (1, K) complex64 for the static model and (L, K) for the others.
 
-        Parameters
-        ----------
-        agreement : (L, K) complex64
-            ``w y conj(E s)``, w the inverse noise and 0 where an element is not trusted.
-        weight : (L, K) float32
-            ``w E|s|^2``.
-        grid : ElementGrid
-        model : str
-            "static", "moving" or "tile".
-        wide : bool
-            Whether to average over 15 subcarriers, as long as many decisions are wrong.
-        prior : ((K,) complex64, float32) or None
-            Channel of the iteration before and its weight, for subcarriers in which hardly anything is sent.
-        bound : (1, K) or (L, K) float32 or None
-            Modulus of the blind channel; the estimate stays within 0.4 and 2.5 times that. Where silence is decided,
-            least squares would let the channel run away.
+        - ``agreement`` (L, K) complex64: ``w y conj(E s)``, w the inverse noise and 0 where an element is not trusted
+        - ``weight`` (L, K) float32: ``w E|s|^2``
+        - ``model``: "static", "moving" or "tile"
+        - ``wide``: whether to average over 15 subcarriers, as long as many decisions are wrong
+        - ``prior`` ((K,) complex64, float32) or None: channel of the iteration before and its weight, for subcarriers
+          in which hardly anything is sent
+        - ``bound`` (1, K) or (L, K) float32 or None: modulus of the blind channel; the estimate stays within 0.4 and
+          2.5 times that. Where silence is decided, least squares would let the channel run away.
         """
         k = np.arange(agreement.shape[1])
         whole = agreement.sum(axis=0)

@@ -14,30 +14,15 @@ _LEAST = np.float32(
 class ElementGrid:
     """Received resource elements of one frame.
 
-    Parameters
-    ----------
-    samples : (N,) complex64
-        A frame.
-    numerology : Numerology
-    cfo : float
-        Carrier frequency offset to be removed, in subcarriers.
-    starts : (L,) int
-        First sample of each symbol's FFT.
-    delay : (L,) float
-        Samples by which each FFT begins later than the middle of its prefix.
-    segment : (L,) int
-        Half slot of each symbol, from 0.
-
-    Attributes
-    ----------
-    samples : (N,) complex64
-        The frame without the CFO.
-    carrier : (N,) complex64
-        The factor that removed it.
-    ramp : (L, K) complex64
-        The factor that removes ``delay`` from the elements: ``exp(-2j pi k delay / K)``.
-    raw : (L, K) complex64
-        FFTs of the symbols, lowest frequency first; power is kept.
+    - ``samples`` (N,) complex64: a frame
+    - ``cfo``: carrier frequency offset to be removed, in subcarriers
+    - ``starts`` (L,) int: first sample of each symbol's FFT
+    - ``delay`` (L,) float: samples by which each FFT begins later than the middle of its prefix
+    - ``segment`` (L,) int: half slot of each symbol, from 0
+    - ``samples`` (N,) complex64: the frame without the CFO
+    - ``carrier`` (N,) complex64: the factor that removed it
+    - ``ramp`` (L, K) complex64: the factor that removes ``delay`` from the elements: ``exp(-2j pi k delay / K)``.
+    - ``raw`` (L, K) complex64: FFTs of the symbols, lowest frequency first; power is kept
     """
 
     def __init__(

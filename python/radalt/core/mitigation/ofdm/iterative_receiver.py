@@ -21,26 +21,15 @@ from .numerology import Numerology
 from .phase_timing import correct_phase, retimed, timing_drift
 from .reconstruction import blanked, modulate, sent_elements
 from .return_estimation import ReturnEstimator
-from .return_fit import MaskedPoints, ReturnFit
+from .return_fit import RESIDUE, MaskedPoints, ReturnFit
 from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper, SoftSymbols
 
-# prices of the steps in FFTs of 7,500 points, of a frame of so many samples, as measured
-_DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN, _FIT = (
-    18.0,
-    13.0,
-    20.0,
-    30.0,
-    10.0,
-    12.0,
-    12.0,
-    80.0,
-)
-_FINISH = _CFO + 2 * _SUBTRACT + _RETURN + 2 * (_DEMAP + _LOOP)
+# Price of one iteration of the loop in FFTs of 7,500 points, as measured; other steps cost about as much, or a part
+ITERATION_FFTS = 31.0
 _SAMPLED = 7  # decimation of resource blocks in the first noise estimate
 # penalty on the spread of the log error between regions, nats per neper: a false lock fits some and fails in others
 _UNEVEN_PENALTY = 0.05
-_RESIDUE = np.float32(0.02)  # of a known return's power: it is no exact tone
 _LEAST = np.float32(1e-9)  # of the channel's power, that of a frame being 1: a divisor
 # half the distance of 256QAM's points, squared (TS 38.211 clause 5.1.5); returns louder than that of 64QAM are visible
 _DISTANCE_256QAM, _RARE = 1.5 / 255, 0.1  # and its share of the elements, from which it counts
@@ -49,63 +38,29 @@ _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 @dataclass(frozen=True)
 class KnownReturn:
-    """What is known of the return before decisions.
+    """What is known of the return before decisions."""
 
-    Attributes
-    ----------
-    elements : (L, K) complex64
-        Its part of the elements, before timing is corrected.
-    uncertainty : (L, 1) float32
-        Error of its power over its power, in each symbol.
-    everywhere : bool
-        Whether it is known so well that masked elements serve as the others do.
-    """
-
-    elements: np.ndarray
-    uncertainty: np.ndarray
-    everywhere: bool
+    elements: np.ndarray  # (L, K) complex64: its part of them, before timing is corrected
+    uncertainty: np.ndarray  # (L, 1) float32: error of its power over its power, in each symbol
+    everywhere: bool  # whether it is known so well that masked elements serve as the others do
 
 
 @dataclass(frozen=True)
 class Reception:
-    """A frame as it was demodulated.
+    """A frame as it was demodulated."""
 
-    Attributes
-    ----------
-    channel : (1, K) or (L, K) complex64
-    used : (K,) bool
-    phase : (L, 1) complex64
-        Factors that took out the symbols' phases.
-    elements : (L, K) complex64
-        Received, timing and phase corrected, known return included.
-    noise : (L, K) float32
-    soft : SoftSymbols
-    model : str
-        Of the channel.
-    relative_noise : float
-        Noise over the emitter's power.
-    gain : float
-        Nats per element over a Gaussian of the same power in each subcarrier: 0 for noise.
-    score : float
-        ``gain`` less a penalty for noise that is uneven over the frame, by which channel models are compared.
-    ramp : (L, K) complex64
-        Timing correction that belongs to it.
-    return_power : float
-        Of the return in its elements, if it is unknown.
-    """
-
-    channel: np.ndarray
-    used: np.ndarray
-    phase: np.ndarray
-    elements: np.ndarray
-    noise: np.ndarray
+    channel: np.ndarray  # (1, K) or (L, K) complex64
+    used: np.ndarray  # (K,) bool
+    phase: np.ndarray  # (L, 1) complex64 factors that took out the symbols' phases
+    elements: np.ndarray  # (L, K) complex64 received, timing and phase corrected, known return included
+    noise: np.ndarray  # (L, K) float32
     soft: SoftSymbols
-    model: str
-    relative_noise: float
-    gain: float = 0.0
-    score: float = 0.0
-    ramp: np.ndarray | None = None
-    return_power: float = 0.0
+    model: str  # of the channel
+    relative_noise: float  # over the emitter's power
+    gain: float = 0.0  # nats per element over a Gaussian of the same power in each subcarrier: 0 for noise
+    score: float = 0.0  # gain less a penalty for uneven noise, by which channel models are compared
+    ramp: np.ndarray | None = None  # (L, K) complex64: timing correction that belongs to it
+    return_power: float = 0.0  # of the return in its elements, if it is unknown
 
 
 @dataclass
@@ -130,7 +85,7 @@ class _Elements:
 
     def doubt(self, return_power: np.float32) -> np.ndarray | np.float32:
         """Power of the return that is left in masked elements: what is uncertain of it, or all if it is unknown."""
-        return return_power if self.back is None else (self.uncertainty + _RESIDUE) * power(self.back)
+        return return_power if self.back is None else (self.uncertainty + RESIDUE) * power(self.back)
 
     def retime(self, factor: np.ndarray) -> None:
         """Multiply by (L, K) or (L, 1) factors."""
@@ -146,10 +101,7 @@ class _Elements:
 class IterativeReceiver:
     """Receiver for one numerology.
 
-    Attributes
-    ----------
-    ffts : float
-        Cost of the frame so far in FFTs of 7,500 points, by a fixed price of each step.
+    ``ffts``: cost of the frame so far in FFTs of 7,500 points, by the steps that were taken.
     """
 
     def __init__(self, numerology: Numerology, returns: ReturnEstimator, settings: OfdmSettings) -> None:
@@ -164,14 +116,15 @@ class IterativeReceiver:
         s = self._s
         ramp = grid.ramp
         best = self._receive(grid, free, known, only or "static")
-        if not only and best.gain >= s.readable and self._affords_another():
-            if self.channel_error(grid, free, best) > s.channel_error:
-                errors = self._model_errors(grid, free, best)
-                model = "tile" if errors["tile"] < s.tile_better * errors["moving"] else "moving"
-                grid.ramp = ramp
-                other = self._receive(grid, free, known, model)
-                if other.score > best.score + s.better_score:
-                    best = other
+        # another channel model and what comes after it are up to 13 iterations
+        affords = not only and self.ffts + 13 * ITERATION_FFTS <= s.most_ffts
+        if affords and best.gain >= s.readable and self.channel_error(grid, free, best) > s.channel_error:
+            errors = self._model_errors(grid, free, best)
+            model = "tile" if errors["tile"] < s.tile_better * errors["moving"] else "moving"
+            grid.ramp = ramp
+            other = self._receive(grid, free, known, model)
+            if other.score > best.score + s.better_score:
+                best = other
         grid.ramp = best.ramp
         return best if best.gain >= s.evidence else None
 
@@ -182,14 +135,8 @@ class IterativeReceiver:
         s = self._s
         most = {"static": s.iterations, "moving": s.iterations_moving, "tile": s.iterations_tile}[model]
         blind = blind_channel(grid, free, model, s)
-        self.ffts += _BLIND
+        self.ffts += ITERATION_FFTS
         return self.loop(grid, free, blind, most, known=known, acquiring=True)
-
-    def _affords_another(self) -> bool:
-        """Whether another channel model may be tried and the frame still be finished, at most at the price allowed."""
-        iterations = max(self._s.iterations_moving, self._s.iterations_tile)
-        price = _ERRORS + _BLIND + (iterations + 2) * _DEMAP + iterations * _LOOP
-        return self.ffts + price + _FINISH <= self._s.most_ffts
 
     def channel_error(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> float:
         """How coherent the residual still is with the model: 1 for noise, more where the channel is not as modelled.
@@ -207,7 +154,6 @@ class IterativeReceiver:
         norm = moving_sum(block_sums(segment_sums(power(model) * w, grid.segments), block), around)
         sums = moving_sum(block_sums(agreement, block), around)
         there = norm > 0
-        self.ffts += 7.0
         return float((power(sums[there]) / norm[there]).mean()) if there.any() else 1.0
 
     def _model_errors(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> dict[str, float]:
@@ -221,7 +167,7 @@ class IterativeReceiver:
             h = ChannelEstimator(self._s).estimate(agreement, weight, grid, model)
             doubt = power(h) * np.maximum(found.soft.second - power(mean), 0)
             errors[model] = float((np.minimum((power(found.elements - h * mean) + doubt) * w, 30)).sum())
-        self.ffts += _ERRORS
+        self.ffts += ITERATION_FFTS
         return {model: errors[model] / max(errors["static"], 1e-9) for model in ("moving", "tile")}
 
     def loop(
@@ -237,48 +183,39 @@ class IterativeReceiver:
     ) -> Reception:
         """Soft decisions, noise, phases, timing and channel in turns, at most ``iterations`` times.
 
-        Parameters
-        ----------
-        grid : ElementGrid
-        free : (L, K) bool
-            Return-free elements.
-        start : ChannelStart or Reception
-            Channel, phases and noise to begin with, and the channel's model.
-        iterations : int
-            0 decides once, and estimates the channel once.
-        known : KnownReturn or None
-        acquiring : bool
-            Whether the channel is still rough, so that it is averaged widely at first.
-        memory : float
-            Weight of the static channel of the iteration before, in symbols of median noise.
+        - ``free`` (L, K) bool: return-free elements
+        - ``start``: channel, phases and noise to begin with, and the channel's model
+        - ``iterations``: 0 decides once, and estimates the channel once
+        - ``acquiring``: whether the channel is still rough, so that it is averaged widely at first
+        - ``memory``: weight of the static channel of the iteration before, in symbols of median noise
         """
         channel, used, noise, model = start.channel, start.used, start.noise, start.model
         estimator = ChannelEstimator(self._s)
         s = self._s
-        heard = _Elements.of(grid, start.phase, known)
+        observed = _Elements.of(grid, start.phase, known)
         everywhere = known is not None and known.everywhere
         t = (np.broadcast_to(used, free.shape) if everywhere else free & used).astype(np.float32)
         masked = ~free & used
         bound = np.abs(channel)
         h2 = np.maximum(power(channel), _LEAST)
         if noise is None:
-            relative, turn = self._first_noise(equalise(heard.emitter(), channel), t, grid.segments)
+            relative, turn = self._first_noise(equalise(observed.emitter(), channel), t, grid.segments)
             noise = np.broadcast_to(relative * h2, free.shape)
-            heard.turn(turn)
+            observed.turn(turn)
         return_power, before = np.float32(0), 0.0
         wide = {"static": 1, "moving": s.iterations_moving - 2, "tile": 0}[model] if acquiring else 0
         fewest = {"static": 1, "moving": s.iterations_moving - 2, "tile": 3}[model] if acquiring else 0
         for iteration in range(iterations + 1):
             h2 = np.maximum(power(channel), _LEAST)
-            y = heard.emitter()
+            y = observed.emitter()
             z = equalise(y, channel)
             soft = self._demapper.demap(
-                z, (noise + masked * heard.doubt(return_power)) / h2, t, grid.segments
+                z, (noise + masked * observed.doubt(return_power)) / h2, t, grid.segments
             )
             decided = channel * soft.mean
             error = power(y - decided) + h2 * np.maximum(soft.second - power(soft.mean), 0)
             noise = self._noise(error, t, h2)
-            self.ffts += _DEMAP
+            self.ffts += ITERATION_FFTS
             if known is None and masked.any() and iteration == min(1, iterations - 1):
                 points = MaskedPoints.of(z, noise, h2, soft, grid, masked)
                 return_power, _ = points.return_power(s.return_step_db)
@@ -290,14 +227,16 @@ class IterativeReceiver:
             before = now
             agreement = y * decided.conj() * w
             turn = correct_phase(agreement)
-            heard.turn(turn)
+            observed.turn(turn)
             if model == "static" and acquiring and iteration < 2:
-                heard.retime(retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid))
+                observed.retime(
+                    retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid)
+                )
             prior = None
             if model == "static":
                 prior = channel[0], np.float32(memory / median(noise[:, :: self._num.block]))
             channel = estimator.estimate(
-                heard.emitter() * soft.mean.conj() * w,
+                observed.emitter() * soft.mean.conj() * w,
                 soft.second * w,
                 grid,
                 model,
@@ -305,10 +244,9 @@ class IterativeReceiver:
                 prior=prior,
                 bound=bound,
             )
-            self.ffts += _LOOP
             if last:
                 break
-        found = Reception(channel, used, heard.phase, heard.elements, noise, soft, model, now)
+        found = Reception(channel, used, observed.phase, observed.elements, noise, soft, model, now)
         found = replace(found, ramp=grid.ramp, return_power=float(return_power))
         return self._judged(found, y, error, h2, t, acquiring)
 
@@ -342,10 +280,7 @@ class IterativeReceiver:
     def _first_noise(
         self, z: np.ndarray, t: np.ndarray, segments: np.ndarray
     ) -> tuple[np.float32, np.ndarray]:
-        """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1).
-
-        One block in `_SAMPLED` is judged. A symbol of synchronisation signals and data may be an eighth of a turn off.
-        """
+        """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1)."""
         block = self._num.block
         some = np.ascontiguousarray(z.reshape(len(z), -1, block)[:, ::_SAMPLED]).reshape(len(z), -1)
         known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::_SAMPLED]).reshape(len(t), -1)
@@ -354,7 +289,6 @@ class IterativeReceiver:
         unrotated = self._nats(some, known, tried, segments)
         best = int(unrotated.sum(axis=1).argmax())
         turned = self._nats(some * _EIGHTH, known, tried[best : best + 1], segments)[0]
-        self.ffts += _DEMAP
         return tried[best], np.where(turned > unrotated[best] + 5, _EIGHTH, np.complex64(1))[:, None]
 
     def _nats(self, z: np.ndarray, t: np.ndarray, noises: np.ndarray, segments: np.ndarray) -> np.ndarray:
@@ -391,7 +325,6 @@ class IterativeReceiver:
         model = found.channel * found.soft.mean
         limit = self._s.outlier_return
         elements = sent_elements(found.elements, model, found.noise, free, found.used, limit)
-        self.ffts += _SUBTRACT
         return grid.samples - modulate(elements * found.phase.conj(), grid)
 
     def finish(
@@ -411,7 +344,6 @@ class IterativeReceiver:
         if tune:
             sent = modulate(found.channel * found.soft.mean * found.phase.conj(), grid)
             off = residual_cfo(grid, sent)
-            self.ffts += _CFO
             # within a symbol it leaves (pi off)^2 / 3 of the power
             if (np.pi * off) ** 2 / 3 > 0.05 * found.relative_noise:
                 back = np.exp(2j * np.pi * off / num.useful * (grid.starts + num.useful / 2)).astype("c8")
@@ -423,7 +355,7 @@ class IterativeReceiver:
             if shown is not None:
                 found = self._again(grid, free, found, shown)
                 out = self.cancel(grid, free, found)
-        self.ffts += 5.0
+        self.ffts += ITERATION_FFTS
         return blanked(out * grid.carrier.conj(), grid, s), found, grid
 
     def known_return(
@@ -431,7 +363,6 @@ class IterativeReceiver:
     ) -> KnownReturn | None:
         """Return of an (N,) frame whose pair of tones has at least so large a ratio in the mean, or None."""
         found = self._returns.estimate(frame)
-        self.ffts += _RETURN
         if found.ratios.mean() < least:
             return None
         half = frame.size // 2
@@ -455,9 +386,9 @@ class IterativeReceiver:
         points = MaskedPoints.of(z, found.noise, h2, found.soft, grid, masked)
         if tune:
             found = replace(found, return_power=float(points.return_power(self._s.return_step_db)[0]))
-        if not found.return_power > least or self.ffts + _FIT + _FINISH > self._s.most_ffts:
+        if not found.return_power > least or self.ffts + 6 * ITERATION_FFTS > self._s.most_ffts:
             return None, found
-        self.ffts += _FIT
+        self.ffts += 3 * ITERATION_FFTS
         factor = equalise(grid.ramp * found.phase, found.channel)
         fit = ReturnFit(points, grid, factor, self._returns, self._s)
         elements, certain = fit.best()

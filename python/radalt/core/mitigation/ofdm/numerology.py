@@ -15,23 +15,14 @@ _BASE_HZ = 15e3
 class Numerology:
     """One subcarrier spacing at one sample rate (TS 38.211 clause 5.3.1, normal prefix).
 
-    Parameters
-    ----------
-    rate_hz, spacing_hz : float
-        The rate has to be a whole multiple of the spacing, so that a symbol is a whole number of samples.
-
-    Attributes
-    ----------
-    useful : int
-        Samples of a symbol without its prefix, and subcarriers K in the band.
-    per_cycle : int
-        Symbols from one long prefix to the next.
-    prefix, longer, cycle, spacing : float
-        Samples of the short prefix; of the long one beyond that; between long prefixes; mean from symbol to symbol.
-    subcarriers : (K,) float32
-        Numbers from the lowest frequency to the highest, 0 at the middle of the band.
-    block : int
-        Adjacent subcarriers that share one noise and one constellation: the most of 4, 2, 1 that divides K.
+    - ``rate_hz``, ``spacing_hz``: the rate has to be a whole multiple of the spacing, so that a symbol is a whole
+      number of samples
+    - ``useful``: samples of a symbol without its prefix, and subcarriers K in the band
+    - ``per_cycle``: symbols from one long prefix to the next
+    - ``prefix``, ``longer``, ``cycle``, ``spacing``: samples of the short prefix; of the long one beyond that;
+      between long prefixes; mean from symbol to symbol
+    - ``subcarriers`` (K,) float32: numbers from the lowest frequency to the highest, 0 at the middle of the band
+    - ``block``: adjacent subcarriers that share one noise and one constellation: the most of 4, 2, 1 that divides K
     """
 
     def __init__(self, rate_hz: float, spacing_hz: float, settings: OfdmSettings = SETTINGS) -> None:

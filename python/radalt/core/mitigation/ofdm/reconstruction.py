@@ -34,13 +34,8 @@ def sent_elements(
     differs from the model is the return. If it is far more than usual there, the element was decided wrongly and is
     subtracted whole. In subcarriers whose noise exceeds the usual, the return's share is kept by Wiener's weight.
 
-    Parameters
-    ----------
-    received, model : (L, K) complex64
-    noise : (L, K) float32
-    free, used : (L, K) and (K,) bool
-    limit : float
-        Times the 0.8 quantile of what is left in the mask.
+    ``received``, ``model`` (L, K) complex64; ``noise`` (L, K) float32; ``free``, ``used`` (L, K) bool; ``limit``:
+    times the 0.8 quantile of what is left in the mask.
     """
     rest = received - model
     masked = ~free & used

@@ -12,20 +12,11 @@ from .settings import OfdmSettings
 
 @dataclass(frozen=True)
 class ReturnEstimate:
-    """A return as one tone per half sweep, at beats that one return at an allowed speed can have.
+    """A return as one tone per half sweep, at beats that one return at an allowed speed can have."""
 
-    Attributes
-    ----------
-    samples : (N,) complex64
-    ratios : (2,) float32
-        Power of each half's tone over the mean power of noise in a cell there.
-    cells : (2,) int
-        Each half's beat in the twice zero-padded spectrum.
-    """
-
-    samples: np.ndarray
-    ratios: np.ndarray
-    cells: np.ndarray
+    samples: np.ndarray  # (N,) complex64
+    ratios: np.ndarray  # (2,) float32: each half's tone over the mean power of noise in a cell there
+    cells: np.ndarray  # (2,) int: each half's beat in the twice zero-padded spectrum
 
 
 @dataclass(frozen=True)
@@ -41,12 +32,7 @@ class _Pair:
 class ReturnEstimator:
     """Return of a frame, seen dechirped: ``beat = frame conj(reference)`` has one tone per half sweep.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    span_m : float
-        Highest altitude, above 0.
-    settings : OfdmSettings
+    ``span_m``: highest altitude, above 0.
     """
 
     def __init__(self, waveform: Waveform, span_m: float, settings: OfdmSettings) -> None:
@@ -142,11 +128,11 @@ class ReturnEstimator:
         """Integrity: whether an (N,) cancelled frame is consistent with one return and white noise.
 
         Beat spectra of the two half sweeps (Hann window, over their noise) are added for all pairs of beats that one
-        return at an allowed speed can have. Cells of noise are exponential, and the sum of two exceeds x by chance with
-        probability ``(1 + x) exp(-x)``; with as many pairs as are as close, the best pair has to be unlikely by chance,
-        and larger than every other. A return has one power in both halves: where they differ, the weaker one has to be
-        unlikely by chance, too. The pair that an altimeter takes has to be at a speed that is flown. Symbols decided
-        wrongly leave one half, or several beats, and an altitude next to the return's.
+        return at an allowed speed can have. Cells of noise are exponential, and the sum of two exceeds x by chance
+        with probability ``(1 + x) exp(-x)``; with as many pairs as are as close, the best pair has to be unlikely by
+        chance, and larger than every other. A return has one power in both halves: where they differ, the weaker one
+        has to be unlikely by chance, too. The pair that an altimeter takes has to be at a speed that is flown.
+        Symbols decided wrongly leave one half, or several beats, and an altitude next to the return's.
         """
         s = self._s
         beat = self._dechirped(frame) * self._window

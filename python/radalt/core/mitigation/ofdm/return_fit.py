@@ -18,7 +18,7 @@ from .soft_demapper import SoftSymbols
 
 _CONTROL = np.array([0.25, 0.5, 0.25], np.float32)  # silence, QPSK, QPSK 3 dB up: of control elements
 _OUTLIER = np.float32(1e-4)  # density of an element that is none of the points
-_RESIDUE = np.float32(0.02)  # of a return's power: it is no exact tone
+RESIDUE = np.float32(0.02)  # of a return's power: it is no exact tone
 _RARE = 1e-3  # share of a class that no element has to be compared with
 _LOADING = np.float32(1e-3)  # a half sweep may have few elements
 _KEPT, _ROUNDS = 2, 3  # candidates that are fitted, and how often
@@ -80,16 +80,11 @@ class MaskedPoints:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Nats (candidates, 2) per half sweep with returns, and the factors (candidates, L) that fit best.
 
-        Parameters
-        ----------
-        own : (candidates, n) complex64
-            Returns in the elements over their channel.
-        uncertainty : (candidates, 2) float
-            Of their power, over their power; it halves with each round.
-        half, time : (L,) int, (L,) float
-            Half sweep of each symbol, and its time within that, -1 to 1.
-        rounds : int
-            In which the factors are fitted to the points decided. They are straight lines: beats are not exact.
+        - ``own`` (candidates, n) complex64: returns in the elements over their channel
+        - ``uncertainty`` (candidates, 2) float: of their power, over their power; it halves with each round
+        - ``half``, ``time`` (L,) int: half sweep of each symbol, and its time within that, -1 to 1
+        - ``rounds``: in which the factors are fitted to the points decided. They are straight lines: beats are not
+          exact.
         """
         size, count = power(own), self.row.size
         which = half[self.row]
@@ -102,9 +97,7 @@ class MaskedPoints:
         factor = np.ones((len(own), half.size), np.complex64)
         for again in range(rounds + 1):
             z = self.z - own * factor[:, self.row]
-            nats, decided = self._posterior(
-                z, self.noise + (doubt * np.float32(0.5**again) + _RESIDUE) * size
-            )
+            nats, decided = self._posterior(z, self.noise + (doubt * np.float32(0.5**again) + RESIDUE) * size)
             if again < rounds:
                 agreement = (((self.z - decided) * own.conj()) @ weighted).reshape(-1, 2, 3)[..., :2]
                 terms = np.linalg.solve(gram, agreement[..., None])[..., 0][:, half]
@@ -115,14 +108,7 @@ class MaskedPoints:
 class ReturnFit:
     """The return of a frame as its masked elements show it.
 
-    Parameters
-    ----------
-    points : MaskedPoints
-    grid : ElementGrid
-    factor : (L, K) complex64
-        From raw elements to those that were equalised.
-    returns : ReturnEstimator
-    settings : OfdmSettings
+    ``factor`` (L, K) complex64: from raw elements to those that were equalised.
     """
 
     def __init__(

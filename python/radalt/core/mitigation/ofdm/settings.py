@@ -74,7 +74,9 @@ class OfdmSettings:
     burst_loud: float = 6.0  # times the median power; noise has e^-4 of it [F: exp]
     burst_gap: int = 64  # samples; a burst may be quiet for so long by chance [F: Rayleigh]
     # cost
-    most_ffts: float = 590.0  # FFTs; no other channel model is tried that could exceed it [M]
+    most_ffts: float = (
+        590.0  # FFTs; no other channel model is tried, and no return fitted, that could exceed it [M]
+    )
 
 
 SETTINGS = OfdmSettings()

@@ -16,33 +16,18 @@ from .constellation import BOOSTED, EMPTY, QAM, QPSK, rail_index, rail_tables
 from .numerology import Numerology
 from .settings import OfdmSettings
 
-_AREA = 4 * np.pi  # in which an element that is none of the points may lie: |z| < 2, points have unit power
 _NEIGHBOUR = np.float32(0.5)  # weight of the two blocks next to one, when its QAM order is judged
 
 
 @dataclass(frozen=True)
 class SoftSymbols:
-    """Posterior of a frame's symbols.
+    """Posterior of a frame's symbols."""
 
-    Attributes
-    ----------
-    mean : (L, K) complex64
-        ``E[s | z]``.
-    second : (L, K) float32
-        ``E[|s|^2 | z]``.
-    log_density : (L, K) float32
-        Of the received elements, in nats.
-    order : (half slots, blocks, 3) float32
-        Probabilities of 16, 64 and 256QAM.
-    control : (L, K) float32
-        Probabilities of control symbols, pilots or silence.
-    """
-
-    mean: np.ndarray
-    second: np.ndarray
-    log_density: np.ndarray
-    order: np.ndarray
-    control: np.ndarray
+    mean: np.ndarray  # (L, K) complex64 ``E[s | z]``
+    second: np.ndarray  # (L, K) float32 ``E[|s|^2 | z]``
+    log_density: np.ndarray  # (L, K) float32, of the received elements, in nats
+    order: np.ndarray  # (3, half slots, blocks) float32 probabilities of 16, 64 and 256QAM
+    control: np.ndarray  # (L, K) float32 probabilities of control symbols, pilots or silence
 
 
 @dataclass(frozen=True)
@@ -85,7 +70,8 @@ class SoftDemapper:
             BOOSTED: np.float32(settings.prior_boosted),
         }
         self._axes = np.float32(settings.prior_axes / 2)
-        self._floor = np.float32(settings.outlier / _AREA)
+        # an element that is none of the points may lie anywhere in |z| < 2; points have unit power
+        self._floor = np.float32(settings.outlier / (4 * np.pi))
         self._resource_block = numerology.blocks(12)
 
     def evidence(
@@ -172,16 +158,9 @@ class SoftDemapper:
     def demap(self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray) -> SoftSymbols:
         """Posterior of the symbols.
 
-        Parameters
-        ----------
-        z : (L, K) complex64
-            Equalised elements; points have unit mean power.
-        noise : (L, K) float32
-            Noise power over channel power.
-        trust : (L, K) float32
-            1 for return-free elements in use, which judge constellations and control; 0 for the others.
-        segments : (half slots,) int
-            First symbol of each half slot.
+        ``z`` (L, K) complex64: equalised elements; points have unit mean power; ``noise`` (L, K) float32: noise power
+        over channel power; ``trust`` (L, K) float32: 1 for return-free elements in use, which judge constellations
+        and control; 0 for the others; ``segments`` (half slots,) int: first symbol of each half slot.
         """
         m = self._mixture(z, noise, trust, segments)
         _, means, seconds = rail_tables()

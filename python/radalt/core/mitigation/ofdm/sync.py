@@ -11,26 +11,14 @@ from .numerology import Numerology, fold_index
 from .return_mask import ReturnMask
 from .settings import OfdmSettings
 
-_GRAM_STEP = 2  # one subcarrier in so many serves the Gram matrices
-
 
 @dataclass(frozen=True)
 class Prefix:
-    """Cyclic prefix of a frame (J.-J. van de Beek et al., IEEE Trans. Signal Process. 45(7), 1997).
+    """Cyclic prefix of a frame (J.-J. van de Beek et al., IEEE Trans. Signal Process. 45(7), 1997)."""
 
-    Attributes
-    ----------
-    middle : float
-        Sample of the middle of a prefix.
-    cfo : float
-        Carrier frequency offset from the nearest whole subcarrier, in subcarriers, -0.5..0.5.
-    contrast : float
-        Peak of the folded correlation over its scatter elsewhere.
-    """
-
-    middle: float
-    cfo: float
-    contrast: float
+    middle: float  # sample of the middle of a prefix
+    cfo: float  # carrier frequency offset from the nearest whole subcarrier, in subcarriers, -0.5..0.5
+    contrast: float  # peak of the folded correlation over its scatter elsewhere
 
 
 def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
@@ -44,8 +32,8 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
     total = ndimage.uniform_filter1d(folded, width, mode="wrap")
     size = np.abs(total)
     peak = int(size.argmax())
-    beside = int(1.5 * width) + 1
-    rest = size.take(np.arange(peak + beside, peak + bins - beside + 1), mode="wrap")
+    margin = int(1.5 * width) + 1
+    rest = size.take(np.arange(peak + margin, peak + bins - margin + 1), mode="wrap")
     scatter = np.sqrt(np.mean(rest**2))
     contrast = float(size[peak] / scatter) if scatter > 0 else 0.0
     return Prefix(peak * numerology.spacing / bins, float(np.angle(total[peak]) / (2 * np.pi)), contrast)
@@ -72,7 +60,7 @@ def acquire(
     fourth = fourth_powers(grid.raw * grid.ramp, level, free & used)
     most = -(-len(starts) // per_cycle) + 1
     longer = timing_ramp(4 * numerology.longer * np.arange(most), numerology)
-    some = slice(None, None, _GRAM_STEP)
+    some = slice(None, None, 2)  # subcarriers that are enough for the Gram matrices
     rows = (longer[:, None, some] * fourth[:, some]).reshape(most * len(starts), -1)
     gram = np.abs(rows @ fourth[:, some].conj().T).reshape(most, len(starts), -1)
     later, earlier = np.maximum.outer(index, index), np.minimum.outer(index, index)

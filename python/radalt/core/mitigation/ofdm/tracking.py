@@ -13,53 +13,26 @@ from .numerology import Numerology
 from .phase_timing import axes_phases
 from .settings import OfdmSettings
 
-_PRICE = 14.0  # FFTs, see `IterativeReceiver`
 _BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged
 
 
 @dataclass
 class TrackingState:
-    """An emitter as the frame before left it; times in samples of the next frame.
-
-    Attributes
-    ----------
-    numerology : Numerology
-    first_long : float
-        Middle of a long prefix.
-    cfo : float
-        In subcarriers.
-    channel : (1, K) complex64
-    used : (K,) bool
-    noise : (1, K) float32
-        Least over the symbols: that of a subcarrier, without regions that have more.
-    model : str
-    relative_noise : float
-        Of the receptions before, averaged.
-    course : (float, float) or None
-        Phase at the frame's first sample and its rate; see `phase_course`.
-    level : float
-        Amplitude by which frames are divided, so that the channel's scale stays.
-    return_power : float
-        Of the return in its elements, by an earlier frame.
-    tones : bool
-        Whether tones were removed before.
-    age : int
-        Frames since it was acquired.
-    """
+    """An emitter as the frame before left it; times in samples of the next frame."""
 
     numerology: Numerology
-    first_long: float
-    cfo: float
-    channel: np.ndarray
-    used: np.ndarray
-    noise: np.ndarray
+    first_long: float  # middle of a long prefix
+    cfo: float  # in subcarriers
+    channel: np.ndarray  # (1, K) complex64
+    used: np.ndarray  # (K,) bool
+    noise: np.ndarray  # (1, K) float32, least over the symbols: without regions that have more
     model: str
-    relative_noise: float
-    course: tuple[float, float] | None
-    level: float = 1.0
-    return_power: float = 0.0
-    tones: bool = False
-    age: int = 0
+    relative_noise: float  # of the receptions before, averaged
+    course: tuple[float, float] | None  # phase at the first sample, and its rate: `phase_course`
+    level: float = 1.0  # amplitude by which frames are divided, so that the channel's scale stays
+    return_power: float = 0.0  # of the return in its elements, by an earlier frame
+    tones: bool = False  # whether tones were removed before
+    age: int = 0  # frames since it was acquired
 
     def skipped(self, samples: int) -> None:
         """A frame passed that was not demodulated."""
@@ -115,7 +88,6 @@ def tracked(
     delay = block_delay(c, edge, grid.numerology)
     grid.ramp = grid.ramp * timing_ramp(np.full(1, delay), grid.numerology)
     state.first_long += delay
-    receiver.ffts += _PRICE
     noise = np.broadcast_to(state.noise, grid.raw.shape)
     start = ChannelStart(state.channel, state.used, phase, "static", noise)
     found = receiver.loop(grid, free, start, 0, known=known, memory=settings.channel_memory * len(grid))
