@@ -12,8 +12,6 @@ from waiting import ran_python
 from radalt.core.deramp.profile import load_profile
 from radalt.studies.tolerance import command as tolerance
 
-pytestmark = pytest.mark.timeout(150)
-
 EXAMPLES = ("interferer", "method", "radio", "study")
 PLUGINS = EXAMPLES[:3]  # a study is run, not registered
 

@@ -35,8 +35,6 @@ from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import control as control_client
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 
-pytestmark = pytest.mark.timeout(150)
-
 ROOT = Path(__file__).resolve().parent.parent
 YAML = {
     "twice": ("radio: {attenuation_db: 60}\nradio: {attenuation_db: 3}\n", "'radio' is there twice"),

@@ -14,8 +14,6 @@ from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.watch import run_to_end
 
-pytestmark = pytest.mark.timeout(150)
-
 W = Waveform()
 
 

@@ -23,8 +23,6 @@ from radalt.evaluation.commands import control as control_client
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
 from radalt.evaluation.radios.remote import drive_remotely
 
-pytestmark = pytest.mark.timeout(150)
-
 LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": True}
 
 

@@ -88,7 +88,7 @@ def main() -> int:
         left.plot(x, [best[v]["pd"] for v in x], line, marker=marker, color=colour, label=label)
         left.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
     left.set(xlabel="SIR / dB", ylabel="Pd (error < 5 m)", ylim=(-0.02, 1.04))
-    left.set_title("One direction: two channels hold 5G and noise alike", fontsize=10)
+    left.set_title("One direction: 5G and noise alike", fontsize=10)
     left.invert_xaxis()
     left.legend(fontsize=8, loc="center right")
     for taps, style in ((1, "k:"), (9, "k--"), (17, "k-")):

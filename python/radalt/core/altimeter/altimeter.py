@@ -415,10 +415,7 @@ class Altimeter(BeatSpectra):
 
     @cached_property
     def _main_lobes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Main lobe of a point target down to a tenth of its power, without a blind part and with the longest one.
-
-        Relative power (2, D), rising, and distance (D,) from its peak in cells.
-        """
+        """Main lobe of a point target down to a tenth of its power, without a blind part and with the longest one."""
         half = min(self.waveform.samples_per_half, SHAPE_POINTS)
         blind = float(self._blind_samples(self.beat_hz[-1])) / self.waveform.samples_per_half
         windows = np.stack([self._window(half)] * 2, axis=-1)

@@ -202,11 +202,7 @@ class PairSearch:
         return cells.of(peak[..., None], noise[..., None])[..., 0], own
 
     def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n, 2) points of the greatest sum of (n, 2, points), the sum, and that of the best rival.
-
-        A rival has a cell beyond the main lobe in at least one half sweep: a side lobe, or a grating lobe of what is
-        left of a sweep.
-        """
+        """(n, 2) points of the greatest sum of (n, 2, points), the sum, and that of the best rival."""
         up, down = value[:, 0], value[:, 1]
         least, most = (_FINER * cells for cells in self.apart)
         count, n = up.shape[1], np.arange(len(up))

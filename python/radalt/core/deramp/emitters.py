@@ -49,10 +49,7 @@ def _crossing(
     frequency_hz: np.ndarray | float,
     cycles: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """A wave of slowly varying frequency, computed only where its beat lies within reach of the simulated band.
-
-    Beats beyond the simulation rate less the IF's stop band alias outside the IF; the gate falls to zero before.
-    """
+    """A wave of slowly varying frequency, computed only where its beat lies within reach of the simulated band."""
     beat = frequency_hz - waveform.frequency_hz(time_s)
     inner = 0.5 * waveform.simulation_hz
     outer = waveform.simulation_hz - waveform.stop_hz

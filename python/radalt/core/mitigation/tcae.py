@@ -262,10 +262,7 @@ class Tcae(Mitigation):
         return (resampled(cleaned, batch.shape[1]) * scale).astype(np.complex64, copy=False)
 
     def _filled(self, batch: np.ndarray) -> tuple[tuple[float, ...], np.ndarray]:
-        """Put (n, N) complex64 of the network's length into its input; their levels, and what undoes their scales.
-
-        The level of a frame that is not finite is NaN.
-        """
+        """Put (n, N) complex64 of the network's length into its input; their levels, and what undoes their scales."""
         levels, scales = zip(*map(self._scaler.fill, self._network.planes(len(batch)), batch), strict=True)
         # one scale per frame, or one per rail
         return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)

@@ -19,6 +19,7 @@ _STANDS_OUT = (
     30.0  # power of a line over the cells next to it that is a return: noise reaches it in 1e-6 of frames
 )
 _VISIBLE = 20.0  # power of a line over the cells next to it that noise exceeds in a cell of a million
+_UNSEEN = 3.0  # power, over that next to it, that a line may have and not be seen
 _ALIVE = 0.01  # least noise of the second channel over the first's: a dead one shows no return either
 _TAKEN = 0.3  # largest amplitude of the return that weights may take: 3 dB
 _RAISED_DB = 1.0  # rise of the measured isolation per frame: one frame of an interferer's line is no return
@@ -165,7 +166,7 @@ class AuxiliaryCancel:
 
     def _measure(self, line: np.ndarray, noise: float, floor: float, auxiliary_floor: float) -> None:
         """Isolation from a return's line in both channels; ``noise`` is that next to it in the second."""
-        found = 10.0 * np.log10(line[0] / max(line[1], _VISIBLE * noise, np.finfo(np.float32).tiny))
+        found = 10.0 * np.log10(line[0] / (line[1] + _UNSEEN * noise + np.finfo(np.float32).tiny))
         known = self.isolation_db
         if line[1] > _VISIBLE * noise:
             self.isolation_db = found if known is None else min(found, known + _RAISED_DB)

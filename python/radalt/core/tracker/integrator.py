@@ -101,11 +101,7 @@ class Integrator:
         self.trials = max(1.0, self.valid.sum() / self.resolution_cells**2)
 
     def _point_response(self, altimeter: Altimeter) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """How a point return shows in the cells around its peak, measured at the middle of the span.
-
-        Two curves: its offset from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone;
-        and its power against the distance in cells, relative to the peak.
-        """
+        """How a point return shows in the cells around its peak, measured at the middle of the span."""
         s = altimeter.settings
         middle = int(np.argmin(np.abs(self.altitude_m[0] - 0.5 * (s.min_altitude_m + s.max_altitude_m))))
         cell, reach = int(self.up_cell[0, middle]), round(self.resolution_cells) + 1

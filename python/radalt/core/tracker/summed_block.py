@@ -267,10 +267,7 @@ class Block:
         return self._known[k]
 
     def _climb(self, power: np.ndarray, cell: int) -> int:
-        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return.
-
-        A cell beyond the span, where a return at its edge may have moved to, starts at the edge.
-        """
+        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return."""
         t = self.tables
         cell = min(max(cell, t.first), t.last - 1)
         while True:

@@ -119,10 +119,7 @@ class Integrity:
         return not self._has_rival(track, scan, found)
 
     def _mirrored(self, track: Track) -> bool:
-        """Whether a track's altitudes contradict the sign of its Doppler, as of a receiver with I and Q exchanged.
-
-        The sum of both speeds is then nearer to zero than their difference, and that beyond its error.
-        """
+        """Whether a track's altitudes contradict the sign of its Doppler, as of a receiver with I and Q exchanged."""
         if not self.tables.doppler:
             return False
         slope, sigma = track.speed_by_altitudes(self.sweep_s, track.latest.altitude_variance_m2)
@@ -156,10 +153,7 @@ class Integrity:
         return block.second_return(found, round(near_m / t.cell_m), *self._shares, asymmetry)
 
     def _received_rival(self, before: Block, found: Measurement, here_m: float, near_m: float) -> bool:
-        """Whether the received frames show a rival, near by or far, that a method may have taken away.
-
-        Where interference hides the return in them, a line near by has to be stronger than noise gives.
-        """
+        """Whether the received frames show a rival, near by or far, that a method may have taken away."""
         t = self.tables
         found = replace(found, power=before.power_at(found))
         neighbour = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))

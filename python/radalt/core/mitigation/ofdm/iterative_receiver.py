@@ -280,10 +280,7 @@ class IterativeReceiver:
     def _first_noise(
         self, z: np.ndarray, t: np.ndarray, segments: np.ndarray
     ) -> tuple[np.float32, np.ndarray]:
-        """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1).
-
-        One block in `_SAMPLED` is judged. A symbol of synchronisation signals and data may be an eighth of a turn off.
-        """
+        """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1)."""
         block = self._num.block
         some = np.ascontiguousarray(z.reshape(len(z), -1, block)[:, ::_SAMPLED]).reshape(len(z), -1)
         known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::_SAMPLED]).reshape(len(t), -1)
