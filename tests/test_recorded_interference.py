@@ -1,6 +1,7 @@
 """A recording as interferer: at its frequency, at its power, from SigMF and raw files alike."""
 
 import json
+import pickle
 import re
 import wave
 
@@ -100,6 +101,7 @@ def numbers(path, kind, mean=0.0, rms=300.0):
         (lambda path: savemat(path, {"x": np.eye(9)}, format="4", appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: savemat(path, {"x": np.eye(9)}, appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: path.write_bytes(b"PAR1" + bytes(999)), "cf32_le", "another program's format"),
+        (lambda path: path.write_bytes(pickle.dumps(bytes(999))), "cf32_le", "another program's format"),
         (lambda path: numbers(path, "u1", 127.5, 20), "ci8", "not ci8; are they cu8"),
         (lambda path: numbers(path, "i1", 0, 20), "cu8", "not cu8; are they ci8"),
         (lambda path: path.write_bytes(bytes(80_000)), "cf32_le", "not finite, or zeros alone"),
@@ -122,6 +124,15 @@ def test_what_is_no_samples_of_that_type_is_refused(tmp_path, make, datatype, sa
         emitter = RecordingEmitter(file=str(path), datatype=datatype, rate_hz=7.5e6)
         emitter.samples(100, RATE_HZ, np.random.default_rng(6))
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_file_next_to_the_metadata_of_another_is_not_taken_for_it(tmp_path):
+    write(tmp_path, np.ones(999), 5e6)
+    np.save(tmp_path / "air.npy", np.ones(99, complex))
+    with pytest.raises(
+        ValueError, match=r"air.npy: air.sigmf-meta is of .*air.sigmf-data; name that, or give"
+    ):
+        RecordingEmitter(file=str(tmp_path / "air.npy")).load(RATE_HZ)
 
 
 @pytest.mark.parametrize("effects", [{}, {"fading": {"profile": "EVA"}}])
@@ -210,7 +221,7 @@ def test_what_has_no_prefix_has_no_estimate(emitter):
 def test_the_command_makes_what_the_scene_names(tmp_path, monkeypatch, root, capsys):
     monkeypatch.chdir(tmp_path)
     scene = load_scene("recorded")
-    with pytest.raises(ValueError, match="make_recording.py"):
+    with pytest.raises(ValueError, match="make-recording"):
         scene.interference[0].emitter.samples(7500, RATE_HZ, np.random.default_rng(14))
     assert make_recording.main([]) == 0
     assert capsys.readouterr().out.strip() == scene.interference[0].emitter.file
