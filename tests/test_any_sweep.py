@@ -135,7 +135,7 @@ def test_shaped_qpsk_is_removed_where_none_is_blind(waveform, sir_db):
 
 @pytest.mark.parametrize("waveform", [SHORT, OVERSAMPLED, LONG])
 def test_noise_alone_passes_bit_for_bit(waveform):
-    """What the network does not touch it cannot invent."""
+    """Of what the network does not touch it makes no false return."""
     rng = np.random.default_rng(11)
     noise = rng.standard_normal((40, waveform.samples_per_frame, 2)).view(np.complex128)[..., 0]
     noise = noise.astype(np.complex64)

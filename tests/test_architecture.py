@@ -22,7 +22,7 @@ LAZY_CIRCLES = {
         "core.mitigation",
     ): "the process next to builds any registered method by its name",
     (
-        "core.mitigation.rehearsal",
+        "core.mitigation.trial_run",
         "core.mitigation",
     ): "the process that tries a file of others builds its method by its name",
 }

@@ -88,15 +88,14 @@ def test_taps_deepen_the_null_and_a_longer_path_difference_needs_more():
 @pytest.mark.parametrize("stated_db", [10.0, 40.0])
 @pytest.mark.parametrize("true_db", [0.0, 6.0, 12.0, 40.0])
 def test_an_emitter_in_the_beam_makes_nothing_wrong_whatever_isolation_is_stated(true_db, stated_db):
-    wrong, before = [], []
+    before, after = [], []
     for kind, sir_db in (("nr", -12.0), ("nr", -25.0), ("nr", -40.0), ("qpsk", -40.0)):
         scene = two_channels(kind, 12, sir_db, {"isolation_db": stated_db}, **in_beam(true_db))
         canceller, first, second, truth_m = measured(scene)
         before.append(judged(first, truth_m))
-        wrong.append(judged(canceller.process(first, second), truth_m))
-    before, after = np.array(before), np.array(wrong)
-    assert (after[:, 1] <= before[:, 1]).all()
-    assert (after[:, 0] >= before[:, 0] - 0.1).all()
+        after.append(judged(canceller.process(first, second), truth_m))
+    right, wrong = (np.array(after) - before).T
+    assert (wrong <= 0).all() and (right >= -0.1).all()
 
 
 @pytest.mark.parametrize(("true_db", "works"), [(0.0, False), (8.0, False), (12.0, True), (20.0, True)])
@@ -181,15 +180,6 @@ def test_the_second_channel_is_cut_at_the_frames_of_the_first_across_lost_sample
                 cut += 1
         expected = counter + first.size
     assert segmenter.counters["discontinuities"] == (3 if tagged else 0) and cut > 30
-
-
-def test_every_method_gets_frames_behind_the_canceller_in_the_direct_path():
-    scene = two_channels(frames=12)
-    one = dataclasses.replace(scene, auxiliary=None)
-    pd = [
-        np.mean(run_chain(s, ("none", "whitening")).results["whitening"]["valid"][8:]) for s in (one, scene)
-    ]
-    assert pd[0] < 0.3 and pd[1] == 1.0
 
 
 def test_directions_add_up_to_the_sir_and_each_has_its_own_gain():

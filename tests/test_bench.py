@@ -96,6 +96,7 @@ def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, pla
     ("page", "name", "view"),
     [
         ("methods", "standard", lambda rows, names: summary_table(summaries(rows, names))),
+        ("error_vs_runtime", "runtime", lambda rows, names: summary_table(summaries(rows, names))),
         ("landing", "landing", lambda rows, names: summary_table(summaries(rows, names))),
         *(("detection", "detection", lambda rows, names, k=k: levels(rows, names[k])) for k in TEXTBOOK),
     ],
@@ -251,7 +252,6 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(
     assert status == 2 and "rows of another list, or of other --frames" in said
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("emitter", [{"nr": {"evm": "typical", "free_running": True}}, {"qpsk": {}}])
 def test_every_method_gives_through_the_flowgraph_what_it_gives_here(tmp_path, emitter):
     """To the bit, on a transmission that goes on and on frames drawn anew, with returns drawn per frame."""

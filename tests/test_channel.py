@@ -350,15 +350,15 @@ def test_a_delay_does_not_depend_on_the_length_of_the_blocks():
     ],
     ids=["latency with a fraction", "whole latency", "gaps", "another clock", "true delay", "multipath"],
 )
-@pytest.mark.parametrize("heard", [True, False], ids=["jammer", "no jammer"])
-def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(settings, more, heard, sweep_s):
+@pytest.mark.parametrize("noisy", [True, False], ids=["jammer", "no jammer"])
+def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(settings, more, noisy, sweep_s):
     w = Waveform(sweep_s=sweep_s)
     n, frames = w.samples_per_frame, 80
     # sweeps that repeat, change within a call, and change with every frame
     altitudes = [0.0] * 10 + [300.0] * 7 + [120.0] * 31 + [float(a) for a in range(100, 132)]
     sent = np.concatenate([w.beat_shifted(a) for a in altitudes])
     rng = np.random.default_rng(5)
-    jammer = rng.standard_normal(2 * sent.size).astype(np.float32).view(np.complex64) if heard else None
+    jammer = rng.standard_normal(2 * sent.size).astype(np.float32).view(np.complex64) if noisy else None
 
     def received(frames_per_call: list[int], in_place: bool) -> list[np.ndarray]:
         channel = SimulatedChannel(w, settings, seed=4, frames=frames, **more)

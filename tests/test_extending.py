@@ -12,8 +12,6 @@ from waiting import ran_python
 from radalt.core.deramp.profile import load_profile
 from radalt.studies.tolerance import command as tolerance
 
-pytestmark = pytest.mark.timeout(150)
-
 EXAMPLES = ("interferer", "method", "radio", "study")
 PLUGINS = EXAMPLES[:3]  # a study is run, not registered
 
@@ -75,10 +73,10 @@ def test_method_has_its_style_in_figures_and_computes_in_a_process_of_its_own(ou
         "from radalt.core.waveform import Waveform\n"
         "w = Waveform()\n"
         "frames = np.stack([w.beat_shifted(a) for a in (100.0, 300.0)])\n"
-        "beside = OwnProcess('clipper', w)\n"
-        "assert beside.process(frames).tobytes() == create('clipper', w).process(frames).tobytes()\n"
+        "apart = OwnProcess('clipper', w)\n"
+        "assert apart.process(frames).tobytes() == create('clipper', w).process(frames).tobytes()\n"
         "style = series_style('clipper', ['none', 'clipper'])\n"
-        "print(beside.status()['method'], *(style[k] for k in ('label', 'color', 'marker', 'linestyle')))"
+        "print(apart.status()['method'], *(style[k] for k in ('label', 'color', 'marker', 'linestyle')))"
     )
     done = run(env, "-c", code)
     assert (done.returncode, done.stdout.strip()) == (0, "clipper clipper #5D3A9B p :"), done.stderr

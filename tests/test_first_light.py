@@ -12,8 +12,6 @@ from radalt.evaluation.commands import first_light as command
 from radalt.evaluation.radios import hardware
 from radalt.evaluation.radios.first_light import STEPS, Bench, Check, perform
 
-pytestmark = pytest.mark.timeout(150)
-
 RADAR, JAMMER = "R30F4A11", "J30F4A22"
 RADIO = uhd_double.RADIO | {"radar_serial": RADAR, "jammer_serial": JAMMER, "jammer_tx_gain_db": 40.0}
 SCENE = {
@@ -42,7 +40,6 @@ def verdicts(bench, *names):
 FIRST = ("receiver", "radar")
 
 
-@pytest.mark.timeout(300)
 def test_a_healthy_bench_passes_every_step(monkeypatch, tmp_path):
     bench, air = a_bench(monkeypatch, tmp_path)
     failed, found = verdicts(bench, *STEPS)

@@ -77,7 +77,14 @@ def test_no_terminal_no_home_and_no_style_of_the_user_ends_a_run(root, tmp_path)
     style = tmp_path / "matplotlibrc"
     style.write_text("text.usetex: True\nfont.family: None Such\n")
     theirs = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "MATPLOTLIBRC": str(style)}
-    done = run(root, *RUN, tmp_path / "x$^{y", PYTHONIOENCODING="latin-1", HOME="/proc/nobody", **theirs)
+    done = run(
+        root,
+        *RUN,
+        tmp_path / "x$^{\N{MINUS SIGN}y",
+        PYTHONIOENCODING="latin-1",
+        HOME="/proc/nobody",
+        **theirs,
+    )
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"\\u2212" in done.stdout
 

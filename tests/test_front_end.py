@@ -67,6 +67,12 @@ def test_a_blocker_outside_the_band_needs_its_envelope_alone(power_dbm):
     )
 
 
+def test_noise_leaves_a_distortion_of_its_own_as_the_cubic_says():
+    """``x (1 - |x|^2 / A3^2)``: of Gaussian noise of power P a share of 2 (P / A3^2)^2 is no multiple of the input."""
+    share = AMPLIFIER.with_strong(-40.0, constant_envelope=False).distortion
+    assert share == pytest.approx(2 * 10 ** (2 * (-40.0 + 8.0) / 10), rel=0.05)
+
+
 def test_a_known_modulation_gives_its_lines_on_a_weak_signal():
     """A carrier of power P with AM of depth m: a weak signal's gain, 1 - 2 a^2 / A3^2, has lines of 2 m P / A3^2."""
     n, depth, power_dbm = np.arange(4000), 0.3, -40.0

@@ -33,7 +33,7 @@ from hypothesis import strategies as st  # noqa: E402
 
 SECONDS = float(os.environ.get("RADALT_FUZZ_S", 0))
 TARGETS = 7
-pytestmark = pytest.mark.timeout(max(120, 3 * SECONDS))
+pytestmark = [pytest.mark.timeout(3 * SECONDS)] * bool(SECONDS)
 
 ROOT = Path(__file__).resolve().parent.parent
 

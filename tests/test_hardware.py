@@ -36,8 +36,6 @@ from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.radios.hardware import calibrate, run_hardware
 from radalt.evaluation.radios.settings import describe, plan
 
-pytestmark = pytest.mark.timeout(150)
-
 ROOT = Path(__file__).resolve().parent.parent
 
 KEY = CalibrationKey("B210", "R", 30e6, 7.5e6)

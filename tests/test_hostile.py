@@ -27,15 +27,13 @@ from hostile import assert_line, assert_refused, ended, measure_here
 from waiting import end_of, ran, ran_python
 
 import bench
-from radalt.core.mitigation import MitigationError, create, rehearsal
+from radalt.core.mitigation import MitigationError, create, trial_run
 from radalt.core.parsing import InputError, load_yaml
 from radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
 from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import control as control_client
 from radalt.evaluation.overlap.points import point_seed, sweep_points
-
-pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 YAML = {
@@ -285,8 +283,8 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_hostile_method_file_gets_one_line_from_the_plan(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(rehearsal, "LIMIT_S", 30.0 if "loop" not in name else 1.0)
-    # what raises has its line without a rehearsal, too
+    monkeypatch.setattr(trial_run, "LIMIT_S", 30.0 if "loop" not in name else 1.0)
+    # what raises has its line without a trial run, too
     if name in ("NaN", "recursion", "nul"):
         monkeypatch.setenv("RADALT_REHEARSAL", "1")
     path = tmp_path / "m.py"

@@ -197,7 +197,6 @@ def test_missing_gnu_radio_is_one_clear_line(root: Path, tmp_path: Path):
     assert f"{other} cannot import gnuradio" in " ".join(done.stderr.split())
 
 
-@pytest.mark.timeout(360)
 def test_a_newcomers_first_hour_works_and_leaves_nothing(root, tmp_path):
     """In a clone of what is committed, with the environment of these tests: nothing is fetched."""
     # its environment would take a minute to make; ctest has none, and CI runs `make test`

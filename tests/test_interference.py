@@ -161,13 +161,13 @@ class Silent:
 @pytest.mark.parametrize("free_running", [False, True])
 @pytest.mark.parametrize("overlap", [0.0, 0.4, 1.0])
 def test_nothing_of_what_lay_in_the_output_stays_there(overlap, free_running):
-    for emitter, heard in ((Silent(), False), (QpskEmitter(), True), (QpskEmitter(pulse="rrc"), True)):
+    for emitter, present in ((Silent(), False), (QpskEmitter(), True), (QpskEmitter(pulse="rrc"), True)):
         stream = JammerStream(Waveform(), [Interferer(emitter, overlap=overlap)], free_running=free_running)
         used = np.full((5, N), np.nan, np.complex64)
         for frame in used:
             stream.next_frame(frame)
         active = np.count_nonzero(used[1:]) / used[1:].size
-        assert active == pytest.approx(overlap if heard else 0.0, abs=0.2 if free_running else 1e-3)
+        assert active == pytest.approx(overlap if present else 0.0, abs=0.2 if free_running else 1e-3)
         assert np.isfinite(used).all()
 
 

@@ -317,7 +317,7 @@ def fake(monkeypatch, tmp_path):
 
     def build(rule, **options):
         monkeypatch.setattr("radalt.core.mitigation.tcae.OnnxNetwork", FakeNetwork)
-        monkeypatch.setattr("radalt.core.mitigation.tcae.rehearse", lambda *arguments: None)
+        monkeypatch.setattr("radalt.core.mitigation.tcae.try_out", lambda *arguments: None)
         monkeypatch.setattr(FakeNetwork, "rule", staticmethod(rule))
         (tmp_path / "own.onnx").write_bytes(b"fake")
         return create("tcae", W, model=tmp_path / "own.onnx", **options)
@@ -325,7 +325,7 @@ def fake(monkeypatch, tmp_path):
     return build
 
 
-def invents(altitude_m):
+def false_return(altitude_m):
     sweep = W.beat_shifted(altitude_m)
     return lambda planes: np.tile(np.stack([sweep.real, sweep.imag]), (len(planes), 1, 1))
 
@@ -378,12 +378,12 @@ def test_shift_check_lets_returns_pass_at_any_altitude(fake, interferer):
 def test_shift_check_silences_a_network_that_invents(fake, interferer, altitude_m):
     frames, altitudes = scene(20, interferer, 13)
     frames = frames[np.abs(altitudes - altitude_m) > 30.0]
-    method = fake(invents(altitude_m))
+    method = fake(false_return(altitude_m))
     result = ALTIMETER.process(method.process(frames))
     assert not result["valid"].any()
     assert (result["reason"] == Reason.NO_SIGNAL).all()
     assert method.unconfirmed_frames == method.status()["unconfirmed_frames"] == len(frames)
-    trusting = fake(invents(altitude_m), shift_check=False)
+    trusting = fake(false_return(altitude_m), shift_check=False)
     assert ALTIMETER.process(trusting.process(frames))["valid"].all()
     assert trusting.status()["shift_check"] is False
 
@@ -442,20 +442,20 @@ def test_only_white_frames_that_the_network_loses_pass_as_they_came(fake):
     rng = np.random.default_rng(18)
     clean, _ = scene(4, None, 18)
     noise = 18.0 * rng.standard_normal((4, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
-    heard = {
+    arrived = {
         "white": (clean + noise).astype(np.complex64),
         "qpsk": scene(4, Interferer(QpskEmitter(), -25.0), 18)[0],
         "clean": clean,
     }
     made = {}
-    for name, frames in heard.items():
+    for name, frames in arrived.items():
         method = fake(smears, shift_check=False, dither_db=None, skip_lost=True)
         out = method.process(frames)
         made[name] = (np.array_equal(out, frames), method.skipped_frames)
     assert made == {"white": (True, 4), "qpsk": (False, 0), "clean": (False, 0)}
-    assert fake(smears, skip_lost=True).process(heard["white"]).any()  # not silenced by the shift check
+    assert fake(smears, skip_lost=True).process(arrived["white"]).any()  # not silenced by the shift check
     kept = fake(smears, shift_check=False, dither_db=None)
-    assert not np.array_equal(kept.process(heard["white"]), heard["white"])
+    assert not np.array_equal(kept.process(arrived["white"]), arrived["white"])
 
 
 def test_the_shipped_network_reads_a_return_in_noise_as_the_altimeter_alone():

@@ -48,7 +48,7 @@ def scenes():
 
 @cache
 def network(models, name):
-    """What the network itself puts out, without the check of its inventions."""
+    """What the network itself puts out, without the check for false returns."""
     return create("tcae", Waveform(), model=models / f"{name}.onnx", shift_check=False)
 
 

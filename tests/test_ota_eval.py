@@ -19,7 +19,6 @@ from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import read_report
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
-pytestmark = pytest.mark.timeout(150)
 
 
 def start(*arguments):

@@ -14,8 +14,6 @@ from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.watch import run_to_end
 
-pytestmark = pytest.mark.timeout(150)
-
 W = Waveform()
 
 
@@ -28,7 +26,7 @@ def received(count, seed=1):
 
 
 @pytest.fixture
-def beside():
+def apart():
     """Makes methods next to this process; all end with the test."""
     made = []
 
@@ -42,10 +40,10 @@ def beside():
 
 
 @pytest.mark.parametrize("name", ["whitening", "nlms", "ofdm_cancel", "tcae", "hybrid"])
-def test_results_are_those_of_the_method_bit_for_bit(beside, name):
+def test_results_are_those_of_the_method_bit_for_bit(apart, name):
     frames = received(7)
     frames[3, 100] = np.nan  # one bad frame, and the one after it has to be right again
-    here, there = create(name, W), beside(name, batch=1)
+    here, there = create(name, W), apart(name, batch=1)
     wanted = np.concatenate([here.process(frame[None]) for frame in frames])
     np.testing.assert_array_equal(there.process(frames), wanted)
     assert there.carries_altitude == here.carries_altitude
@@ -55,10 +53,10 @@ def test_results_are_those_of_the_method_bit_for_bit(beside, name):
     assert there.outside_cpu_ns > 0
 
 
-def test_more_frames_than_the_memory_holds_and_ragged_chunks(beside):
+def test_more_frames_than_the_memory_holds_and_ragged_chunks(apart):
     frames = received(150)
     wanted = create("blanking", W).process(frames)
-    there = beside("blanking", batch=4)
+    there = apart("blanking", batch=4)
     np.testing.assert_array_equal(there.process(frames), wanted)
     out = np.empty_like(frames)
     edges = [0, 1, 4, 70, 71, 149, 150]
@@ -70,28 +68,28 @@ def test_more_frames_than_the_memory_holds_and_ragged_chunks(beside):
     assert there.frames == there.status()["frames"] == 0
 
 
-def test_a_refusal_is_the_methods_own_line(beside, tmp_path):
+def test_a_refusal_is_the_methods_own_line(apart, tmp_path):
     with pytest.raises(MitigationError, match="tcae model .*missing.onnx does not exist"):
-        beside("tcae", model=str(tmp_path / "missing.onnx"))
+        apart("tcae", model=str(tmp_path / "missing.onnx"))
     with pytest.raises(MitigationError, match="unknown mitigation method 'magic'"):
-        beside("magic")
+        apart("magic")
     with pytest.raises(MitigationError, match="own_process is 'yes'"):
         create("blanking", W, own_process="yes")
 
 
-def test_what_fails_later_is_one_line_too(beside, tmp_path):
+def test_what_fails_later_is_one_line_too(apart, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(
         "def mitigate(frames, waveform):\n"
         "    if abs(frames).max() > 3:\n        raise RuntimeError('too loud')\n    return frames\n"
     )
-    there = beside("custom", file=str(file))
+    there = apart("custom", file=str(file))
     with pytest.raises(MitigationError, match="mine.py, line 3: RuntimeError: too loud"):
         there.process(4 * W.reference[None])
 
 
-def test_a_killed_process_is_named(beside):
-    there = beside("blanking")
+def test_a_killed_process_is_named(apart):
+    there = apart("blanking")
     os.kill(there.process_id, signal.SIGKILL)
     with pytest.raises(MitigationError, match=r"blanking: its process ended \(-9\)"):
         there.process(received(1))
@@ -108,10 +106,10 @@ def test_the_process_ends_with_the_method():
         os.kill(number, 0)
 
 
-def test_the_process_has_no_threads_of_linear_algebra(beside, monkeypatch):
+def test_the_process_has_no_threads_of_linear_algebra(apart, monkeypatch):
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
-    there = beside("qpsk_cancel")
+    there = apart("qpsk_cancel")
     there.process(received(2))
     assert len(list(Path(f"/proc/{there.process_id}/task").iterdir())) == 1
 

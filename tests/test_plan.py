@@ -29,7 +29,6 @@ def test_left_out_parts_change_no_bit_of_the_results(name):
     assert pruned["declared"] == full["declared"] > 0
 
 
-@pytest.mark.timeout(300)
 def test_the_report_says_what_was_saved_and_that_nothing_changed(tmp_path, undrawn):
     study = leaving_out.LeavingOutStudy(frames=2, repeats=1, scenes=("no interference, whitening",))
     made = run(study, Options(tmp_path))

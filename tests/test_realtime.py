@@ -17,8 +17,6 @@ from radalt.core.waveform import Waveform
 from radalt.studies.realtime.outside import OutsideWatch
 from radalt.studies.realtime.study import at_rate, fly_benchmark, long_scene, prepare_benchmark
 
-pytestmark = pytest.mark.timeout(150)
-
 W = Waveform()
 PLAIN = {"batch": 1, "skip_clean": False, "own_process": False}
 

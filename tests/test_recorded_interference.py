@@ -45,9 +45,9 @@ def frequency_hz(samples):
 def test_a_tone_is_heard_where_it_is_moved_to(tmp_path, rate_hz, offset_hz):
     tone = 0.3 * np.exp(2j * np.pi * 100e3 / rate_hz * np.arange(round(0.02 * rate_hz)))
     emitter = RecordingEmitter(file=str(write(tmp_path, tone, rate_hz)), offset_hz=offset_hz)
-    heard = emitter.samples(7500, RATE_HZ, np.random.default_rng(1))
-    assert frequency_hz(heard) == pytest.approx(100e3 + offset_hz, abs=60.0)
-    assert np.mean(np.abs(heard) ** 2) == pytest.approx(1.0, rel=0.02)
+    arrived = emitter.samples(7500, RATE_HZ, np.random.default_rng(1))
+    assert frequency_hz(arrived) == pytest.approx(100e3 + offset_hz, abs=60.0)
+    assert np.mean(np.abs(arrived) ** 2) == pytest.approx(1.0, rel=0.02)
 
 
 def test_free_running_it_goes_on_until_the_file_ends_and_then_again(tmp_path):
@@ -197,14 +197,14 @@ def test_the_prefix_tells_a_recordings_own_noise(snr_db, load, profile):
     emitter = NrEmitter(channel_bandwidth_hz=10e6, load=load, cell_id=7, frame_count=4)
     if profile:
         emitter = ImpairedEmitter(emitter=emitter, effects=Impairments(fading=FadingChannel(profile=profile)))
-    heard = noisy(emitter.samples(300_000, RATE_HZ, rng), snr_db, rng)
-    assert prefix_snr_db(heard, RATE_HZ) == pytest.approx(snr_db, abs=1.5)
+    arrived = noisy(emitter.samples(300_000, RATE_HZ, rng), snr_db, rng)
+    assert prefix_snr_db(arrived, RATE_HZ) == pytest.approx(snr_db, abs=1.5)
 
 
 def test_the_prefix_is_found_at_any_rate_and_two_antennas_are_one_signal():
     rng = np.random.default_rng(12)
-    heard = noisy(NrEmitter().samples(200_000, 5.5e6, rng), 8.0, rng)
-    assert prefix_snr_db(heard, 5.5e6) == pytest.approx(8.0, abs=1.0)
+    arrived = noisy(NrEmitter().samples(200_000, 5.5e6, rng), 8.0, rng)
+    assert prefix_snr_db(arrived, 5.5e6) == pytest.approx(8.0, abs=1.0)
     # 8 dB over 15.36 MHz; the carrier has 9.36 MHz of it
     pair = make_recording.received(2, 0.5, 8.0, seed=3)
     assert prefix_snr_db(pair, make_recording.RATE_HZ) == pytest.approx(8.0, abs=1.0)

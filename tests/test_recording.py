@@ -28,8 +28,6 @@ from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.radios.hardware import run_hardware
 from radalt.evaluation.results.folder import FolderError, read_report
 
-pytestmark = pytest.mark.timeout(150)
-
 ROOT = Path(__file__).resolve().parent.parent
 
 EVERY_METHOD = (*METHODS, CUSTOM)

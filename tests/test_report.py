@@ -1,6 +1,7 @@
 """Result folders, reports, figures and pooling, from rows that were made by hand."""
 
 import dataclasses
+import itertools
 import json
 import os
 
@@ -457,6 +458,18 @@ def test_figures_can_be_read_in_grey(whole):
     styles = [series_style(m, methods) for m in methods]
     told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
     assert len(set(told)) == len(told)
+
+
+@pytest.mark.parametrize(
+    "pair", [*itertools.combinations(("none", "whitening", "blanking", "tcae", "hybrid"), 2)]
+)
+def test_colours_of_the_first_figures_differ_to_a_deuteranope(pair):
+    """After G. M. Machado et al., IEEE Trans. Vis. Comput. Graph. 15, 2009; cube roots as in CIE L*a*b*."""
+    seen = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
+    hexes = (series_style(name, [])["color"][1:] for name in pair)
+    linear = (seen @ (np.frombuffer(bytes.fromhex(h), np.uint8) / 255) ** 2.2 for h in hexes)
+    first, second = (np.cbrt(np.clip(values, 0, 1)) for values in linear)
+    assert np.linalg.norm(first - second) > 0.2
 
 
 def test_the_page_is_whole_sorts_its_tables_and_switches_a_method(whole, tmp_path, browser):

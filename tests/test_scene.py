@@ -170,8 +170,8 @@ NAMES_FILE = {  # a key of a scene, and a value of it that names a file
 
 @pytest.mark.parametrize("key", NAMES_FILE)
 def test_files_are_sought_beside_the_scene_then_in_the_working_folder(key, tmp_path, monkeypatch):
-    beside, here = tmp_path / "scenes", tmp_path / "here"
-    beside.mkdir(), here.mkdir()
+    sibling, here = tmp_path / "scenes", tmp_path / "here"
+    sibling.mkdir(), here.mkdir()
     monkeypatch.chdir(here)
     scene = Path("../scenes/mine.yaml")
     scene.write_text(
@@ -182,10 +182,10 @@ def test_files_are_sought_beside_the_scene_then_in_the_working_folder(key, tmp_p
         assert str(load_scene(scene)).count("'a.b'") == 1
     else:
         with pytest.raises(
-            SceneError, match=rf"mine.yaml: .*is 'a.b'; it is neither in {beside}, .* nor in {here}"
+            SceneError, match=rf"mine.yaml: .*is 'a.b'; it is neither in {sibling}, .* nor in {here}"
         ):
             load_scene(scene)
-    for folder, path in ((here, "a.b"), (beside, "../scenes/a.b")):
+    for folder, path in ((here, "a.b"), (sibling, "../scenes/a.b")):
         (folder / "a.b").touch()
         assert path in re.split(r"['+]", str(load_scene(scene)))
 

@@ -63,11 +63,11 @@ def test_faa_mask_states_interference_to_noise_and_sir():
 
 
 def test_faa_mask_keeps_its_level_through_multipath():
-    direct, heard = (
+    direct, from_block = (
         parse_scene({"interference": {"faa_91_220": {"altitude_ft": 200} | more}}).interference[0]
         for more in ({}, {"fading": {}})
     )
-    assert heard.sir_db == direct.sir_db
+    assert from_block.sir_db == direct.sir_db
 
 
 @pytest.mark.parametrize(("name", "altitudes"), [("mixture", "100,30"), ("faa_mask", "30")])

@@ -171,7 +171,6 @@ def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
     assert (tmp_path / "figures" / "stability.png").stat().st_size > 5000
 
 
-@pytest.mark.timeout(300)
 def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path, measured_here, undrawn):
     study = StabilityStudy(compared_chains(["none"]), ("numbers",), ("none",))
     points = study.points()

@@ -49,8 +49,8 @@ def test_a_counter_reads_the_beat_and_is_captured_by_what_is_stronger():
     counter = CounterDetector(SWEEP, 8, max_altitude_m=1600.0)
     frames = flown(300.0, 16)
     assert counter(frames)[1] == pytest.approx([300.0, 300.0], abs=0.05)
-    beside = flown(900.0, 16)
-    assert counter(frames + 3 * beside)[1] == pytest.approx([900.0, 900.0], abs=10.0)
+    extra = flown(900.0, 16)
+    assert counter(frames + 3 * extra)[1] == pytest.approx([900.0, 900.0], abs=10.0)
 
 
 def test_facets_are_the_sum_of_point_returns():

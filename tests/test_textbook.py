@@ -105,7 +105,7 @@ def test_without_noise_both_measure_the_same():
 
 @pytest.mark.parametrize("method", ["whitening", "nlms", "tcae"])
 def test_false_altitudes_in_noise_alone_stay_within_the_bound(method):
-    """A method may not invent: the lower end of the interval lies within the design's bound."""
+    """False altitudes of a method: the lower end of the interval lies within the design's bound."""
     rng = np.random.default_rng(29)
     noise = (rng.standard_normal((600, 15000)) * np.sqrt(0.5)).astype(np.float32).view(np.complex64)
     cleaned = create(method, W).process(noise)

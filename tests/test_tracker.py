@@ -114,7 +114,7 @@ def test_measurement_knows_its_own_error():
 
 
 def test_one_frame_of_forty_decides_nothing():
-    """A frame with a clean false return among frames of noise: what a method may invent."""
+    """A frame with a clean false return among frames of noise: what a method may put out."""
     rng = np.random.default_rng(4)
     frames = noise(rng, 400, 0.0)
     frames[::40] = 30.0 * point_return(W, 500.0)
@@ -128,8 +128,8 @@ def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames
     received = cleaned + returns(rng, np.full(400, rival_m))
     spectra = ALTIMETER.spectra(cleaned)
 
-    def status(beside):
-        return AltitudeTracker(ALTIMETER).process(spectra, received=ALTIMETER.spectra(beside))["status"]
+    def status(uncleaned):
+        return AltitudeTracker(ALTIMETER).process(spectra, received=ALTIMETER.spectra(uncleaned))["status"]
 
     assert np.any(status(cleaned) == Status.NORMAL)
     assert not np.any(status(received) == Status.NORMAL)
@@ -502,8 +502,8 @@ def test_block_takes_the_received_frames_on_a_second_input():
     cleaned = flight(rng, np.full(240, 300.0), 0.0).astype(np.complex64)
     received = cleaned + point_return(W, np.full(240, 500.0), phase_cycles=rng.random(240))
     scene, outputs = parse_scene({}), []
-    for beside in (cleaned, received):
-        block, straight = radalt.altitude_tracker(scene, "tcae", received=True), Ragged(beside, 2)
+    for uncleaned in (cleaned, received):
+        block, straight = radalt.altitude_tracker(scene, "tcae", received=True), Ragged(uncleaned, 2)
         run(Ragged(cleaned, 1), block, also=(straight,), wires=((straight, (block, 1)),))
         outputs.append(block.outputs())
     assert outputs[0]["status"][-1] == Status.NORMAL

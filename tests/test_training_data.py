@@ -81,7 +81,7 @@ def test_every_epoch_holds_every_example_once_in_its_own_order(tmp_path):
 
 def test_a_coarse_converter_leaves_its_levels():
     """Every frame through 1 to 8 bits: at most 256 values on a rail, and no example without a return in it."""
-    config = replace(data.CONFIGS["heard"], converter=1.0, counts=(1.0,))
+    config = replace(data.CONFIGS["used"], converter=1.0, counts=(1.0,))
     levels = set()
     for index in range(30):
         received, clean, _ = data.example(config, W, 5, index)
@@ -216,11 +216,11 @@ def test_no_recording_is_in_both_training_and_validation(tmp_path, count):
 
 
 def test_training_hears_the_recordings_of_its_part_only(tmp_path, monkeypatch):
-    heard = []
+    used = []
 
     class Listed(RecordingEmitter):
         def samples(self, count, rate_hz, rng):
-            heard.append(self.file)
+            used.append(self.file)
             return np.ones(count, dtype=complex)
 
     monkeypatch.setattr("interferers.RecordingEmitter", Listed)
@@ -228,10 +228,10 @@ def test_training_hears_the_recordings_of_its_part_only(tmp_path, monkeypatch):
     train, validation = data.split_recordings(files)
     config = replace(data.CONFIGS["paper"], recordings=files, counts=(0.0, 1.0), size=0)
     next(data.batches(config, W, 40))
-    assert set(heard) <= set(train) and len(heard) > 5
-    heard.clear()
+    assert set(used) <= set(train) and len(used) > 5
+    used.clear()
     list(data.validation_batches(config, W, 40, 20))
-    assert set(heard) <= set(validation) and heard
+    assert set(used) <= set(validation) and used
 
 
 def test_a_recording_that_is_not_there_is_one_line(tmp_path):

@@ -95,33 +95,6 @@ def test_the_shipped_network_is_what_its_weights_export_to(training, root, tmp_p
     assert model.read_bytes() == (root / "models/tcae.onnx").read_bytes()
 
 
-def test_a_faint_return_counts_by_decibels(training):
-    """Of an output with little of the return, half of the power costs 3 dB; without ``faint`` it costs nothing."""
-    status, said, errors = training("-c", FAINT)
-    assert status == 0, errors
-    plain, faint = map(float, said.split())
-    assert plain < 0.2 and faint == pytest.approx(np.log(2.0), abs=0.25)
-
-
-FAINT = """
-import sys
-sys.path[:0] = ["training", "python"]
-import numpy as np
-import torch
-from losses import BeatLoss
-from radalt.core.returns.point import point_return
-from radalt.core.waveform import Waveform
-waveform = Waveform()
-clean = point_return(waveform, np.array([300.0]))
-noise = np.random.default_rng(1).standard_normal((1, 7500, 2)).view(complex)[..., 0] * 10
-planes = [torch.tensor(np.stack([x.real, x.imag], 1), dtype=torch.float32) for x in
-          (clean, clean + noise, 0.5 ** 0.5 * clean + noise)]
-for faint in (0.0, 1e-4):
-    loss = BeatLoss(waveform, faint=faint)
-    print(float(loss(planes[2], planes[0]) - loss(planes[1], planes[0])))
-"""
-
-
 # the authors' layers by PyTorch's own: 2-D mixers, pooling with indices, unpooling, transposed convolutions
 AUTHORS_CNN = """
 import sys

@@ -14,7 +14,7 @@ from typing import Any
 _CODE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#(#*) (.*)$", re.MULTILINE)
 _LINK = re.compile(r"\]\((?:((?:\.\./)?)([\w-]+)\.md)?(?:#([\w-]+))?\)")
-_COLUMN_PX = 850  # widest picture whose type is legible in a column of 400 px
+_COLUMN_PX = 510  # widest picture whose type is legible in a column of 400 px
 _UNITS = r"%|dBm?\b|[mu]?s\b|k?m\b|ft\b|m/s\b|[kMG]?Hz\b|MS/s\b|[MG]i?B\b"
 # what a line may not break in, though it has hyphens: options, ranges, small numbers
 _WHOLE = re.compile(r"(?<![\w-])--[a-z][\w-]*|-?\b[\d.]+(?:e[-+]?\d+)?\.\.[-+\w.]*\w|\b\d[\d.]*e-\d+")
@@ -109,12 +109,12 @@ def on_page_content(html: str, page: Any, config: Any, **_: Any) -> str:
     html = re.sub(
         r"(?<=>)[^<>]+", lambda text: _WHOLE.sub(r'<span class="whole">\g<0></span>', text[0]), html
     )
-    docs = Path(config["docs_dir"])
 
     def picture(found: re.Match[str]) -> str:
-        path = (docs / page.file.src_uri).parent / found[2]
-        px = int.from_bytes(path.read_bytes()[16:20], "big") if path.suffix == ".png" else 0
-        size = f' class="page" style="--drawn: {0.6 * px:.0f}px"' if px > _COLUMN_PX else ""
+        head = (Path(config["docs_dir"], page.file.src_uri).parent / found[2]).read_bytes()[:2000]
+        drawn = re.search(rb'<svg[^>]*width="([\d.]+)', head)
+        px = float(drawn[1]) if drawn else 0.6 * int.from_bytes(head[16:20], "big")
+        size = f' class="page" style="--drawn: {px:.0f}px"' if px > _COLUMN_PX else ""
         return f'<a href="{found[2]}">{found[1]}{size}></a>'
 
     return re.sub(r'(<img [^>]*src="([^"]*)"[^>]*?) ?/?>', picture, html)

@@ -32,7 +32,7 @@ MISMATCHES = {
     "8 bits": ({"adc_bits": 8}, {}),
     "image -35 dB": ({"image_db": -35.0}, {}),
     "the same, conjugate": ({"image_db": -35.0}, {"conjugate": True}),
-    "100 Hz between the channels": ({"directions": {"doppler_hz": 100.0}}, {}),
+    "100 Hz of Doppler": ({"directions": {"doppler_hz": 100.0}}, {}),
     "the same, order 1": ({"directions": {"doppler_hz": 100.0}}, {"order": 1}),
     "echo of 0 dB after 500 ns": ({"directions": {"echo_db": 0.0}}, {}),
 }
@@ -70,19 +70,17 @@ def cancelled(auxiliary: dict, cancel: dict) -> tuple[float, float]:
 
 def main() -> int:
     """Draw the figure and print the numbers."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=formatter)
     parser.add_argument("results", type=Path, nargs="+", help="folders of runs of the list two_channels")
     folders = parser.parse_args().results
     rows = [row for folder in folders for row in read_rows(folder / "rows.csv")]
-    figure = new_figure(9.0, 3.8)
-    left, right = figure.subplots(1, 2)
+    figure = new_figure(12.5, 3.8)
+    left, right, last = figure.subplots(1, 3)
     for case, label, colour, line, marker in CURVES:
         own = [r for r in rows if r["case"] == case and r["overlap"] == 1.0]
-        best = {
-            r["sir_db"]: r for r in sorted(own, key=lambda r: r["pd"])
-        }  # the last one of a level is the best
+        # the last one of a level is the best
+        best = {r["sir_db"]: r for r in sorted(own, key=lambda r: r["pd"])}
         if not case.endswith("_one"):
             best = {r["sir_db"]: r for r in own if r["entry"] == "none"}
         x = sorted(best)
@@ -90,28 +88,29 @@ def main() -> int:
         left.plot(x, [best[v]["pd"] for v in x], line, marker=marker, color=colour, label=label)
         left.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
     left.set(xlabel="SIR / dB", ylabel="Pd (error < 5 m)", ylim=(-0.02, 1.04))
-    left.set_title("One direction: two channels hold 5G and noise alike", fontsize=10)
+    left.set_title("One direction: 5G and noise alike", fontsize=10)
     left.invert_xaxis()
     left.legend(fontsize=8, loc="center right")
     for taps, style in ((1, "k:"), (9, "k--"), (17, "k-")):
         reach = {"reach_s": (taps // 2 + 0.1) / 7.5e6}
         depths = [cancelled({"directions": {"delay_s": ns * 1e-9}}, reach)[0] for ns in DELAYS_NS]
-        right.semilogx(DELAYS_NS, depths, style, marker="o", ms=4, label=f"{taps} taps")
-        print(
-            f"{taps} taps: "
-            + ", ".join(f"{ns:g} ns {d:.1f} dB" for ns, d in zip(DELAYS_NS, depths, strict=True))
-        )
+        right.semilogx(DELAYS_NS, depths, style, marker="o", ms=4, label=f"{taps} tap{'s'[: taps > 1]}")
+        print(f"{taps} taps, dB at {DELAYS_NS} ns:", [f"{depth:.1f}" for depth in depths])
     right.set_xticks(DELAYS_NS, [f"{ns:g}" for ns in DELAYS_NS])
     right.minorticks_off()
     right.set(xlabel="delay between the antennas / ns", ylabel="depth of the null / dB", ylim=(0, 60))
     right.set_title("Taps make up for the delay", fontsize=10)
     right.legend(fontsize=8)
-    for axis in (left, right):
+    found = {name: cancelled(*changes) for name, changes in MISMATCHES.items()}
+    last.barh(list(found), [depth_db for depth_db, _ in found.values()], color="#0072B2")
+    last.invert_yaxis()
+    last.set(xlabel="depth of the null / dB", xlim=(0, 60))
+    last.set_title("17 taps, 3 ns: mismatch and bits", fontsize=10)
+    for axis in (left, right, last):
         axis.grid(alpha=0.3)
     save_figure(figure, folders[0] / "two_channels.png")
     shutil.copy(folders[0] / "two_channels.png", ROOT / "docs/figures/two_channels.png")
-    for name, changes in MISMATCHES.items():
-        depth_db, ffts = cancelled(*changes)
+    for name, (depth_db, ffts) in found.items():
         print(f"{name}: {depth_db:.1f} dB, {ffts:.1f} FFTs per frame")
     return 0
 

@@ -20,7 +20,7 @@ if ! command -v dpkg-query >/dev/null; then
     exit 0
 fi
 
-# What each line asks for on this distribution: `missing` has what it lacks, `unknown` what it has never heard of.
+# What each line asks for on this distribution: `missing` has what it lacks, `unknown` what it has no package of.
 look_up() {
     missing='' unknown=''
     for line in $lines; do

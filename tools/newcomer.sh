@@ -17,7 +17,7 @@ if [ -n "$environment" ]; then
     touch -d @0 requirements.lock # or make would bring the environment up to date
 fi
 make help
-# with what one brings: a network and a method beside the shipped ones, a recording, samples in a file
+# with what one brings: a network and a method in addition to the shipped ones, a recording, samples in a file
 make eval ARGS="--overlap 1 --sir-db=-10 --altitudes 100,300 --frames 5 --methods none,whitening,tcae --capture \
     --model mine=models/any_sweep.onnx --method-file own=flowgraphs/own_method.py --out results/first"
 test -s results/first/report.md

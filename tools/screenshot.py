@@ -103,9 +103,8 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
     load_scene(args.scene)  # a wrong one is refused before seconds of generating
     data = simulate(load_grc(FLOWGRAPHS / "ota_live.grc"), "ota_live_sim")
     start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
-    for step in SHOWS[
-        args.show
-    ]:  # controls display their start values, so they start at the values of the last step
+    # controls display their start values, so they start at the values of the last step
+    for step in SHOWS[args.show]:
         start |= {control: value for control, value in step.items() if control != "frame_segmenter"}
     for block in data["blocks"]:
         if block["name"] in start:
@@ -149,8 +148,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     from PyQt5 import Qt
 
-    from radalt.evaluation.flowgraph.live import SIZE
+    from radalt.evaluation.flowgraph.live import SIZE, StatusLine
 
+    StatusLine._speed = lambda _: "simulated"  # nothing is dropped: how fast says nothing about the view
     app = Qt.QApplication(sys.argv[:1])
     with tempfile.TemporaryDirectory() as folder:
         top = _build(args, Path(folder))

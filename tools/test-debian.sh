@@ -84,7 +84,7 @@ mount -t sysfs -o ro sysfs "$bare/sys" 2>/dev/null || true
 mount -t tmpfs tmpfs "$bare/tmp"
 mount -t tmpfs tmpfs "$bare/run"
 # folders of packages that pip's settings name are seen read-only at the same place: of an index in files (simple/) the
-# folder around it, since its pages point to packages beside them
+# folder around it, since its pages point to packages next to them
 for word in $( (cat /etc/pip.conf "$HOME/.config/pip/pip.conf" "$HOME/.pip/pip.conf" 2>/dev/null; env | grep '^PIP_') |
     grep -oE '(file://)?/[^ ]+' | sort -u); do
     folder=${word#file://}

@@ -405,8 +405,8 @@ def main() -> None:
     except ValueError as error:
         parser.error(str(error))
     if trainer.step:
-        beside = f", not from {args.start}" if args.start else ""
-        print(f"resumes from its own checkpoint at step {trainer.step}{beside}", flush=True)
+        fresh = f", not from {args.start}" if args.start else ""
+        print(f"resumes from its own checkpoint at step {trainer.step}{fresh}", flush=True)
     elif args.start:
         print(f"starts from the weights of {args.start}, with a new step count and optimiser", flush=True)
     try:

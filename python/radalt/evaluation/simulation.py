@@ -183,7 +183,9 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
     begin = time.perf_counter()
     paths = [MethodPath(scene, method) for method in methods]
     segmenter = segmenter_of(scene)
-    examine = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)
+    highest_m = scene.altimeter_settings.max_altitude_m
+    assert highest_m is not None  # a scene resolves an open span
+    examine = FrameQuality(scene.waveform, highest_m)
     with _one_blas_thread():
         for frames in segmented(scene, segmenter):
             if not frames:

@@ -314,7 +314,7 @@ class Altimeter(BeatSpectra):
         noise = np.take_along_axis(before.noise, pair[..., None], axis=-1)[..., 0]
         strong = ((power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)).all(axis=-1)
         least = special.gammainccinv(2.0, pfa)  # threshold on the sum of two exponentials
-        strong &= _joint(before, pair) + before.spared >= least
+        strong &= _joint(before, pair) + before.uncounted >= least
         beats = self.beat_hz[pair + self.cfar.margin]
         nothing[at] = strong & self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
         return nothing
@@ -342,9 +342,9 @@ class Altimeter(BeatSpectra):
         apart = np.abs(np.arange(self._first, self._last) - pair.mean(axis=1)[:, None])
         inside = apart <= _FIRST_ZERO[self.settings.window] * self._per_resolution
         main = np.where(inside, profile, 0.0).max(axis=1)
-        beside = np.where(inside, 0.0, profile).max(axis=1)
+        others = np.where(inside, 0.0, profile).max(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.clip(10.0 * np.log10(main / beside, dtype=float), -_CLEAR_DB, _CLEAR_DB)
+            return np.clip(10.0 * np.log10(main / others, dtype=float), -_CLEAR_DB, _CLEAR_DB)
 
     def _refine(self, spectra: Spectra, found: Found) -> tuple[np.ndarray, np.ndarray]:
         """Sub-cell beats (up, down) in hertz by the strategy."""
@@ -415,10 +415,7 @@ class Altimeter(BeatSpectra):
 
     @cached_property
     def _main_lobes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Main lobe of a point target down to a tenth of its power, without a blind part and with the longest one.
-
-        Relative power (2, D), rising, and distance (D,) from its peak in cells.
-        """
+        """Main lobe of a point target down to a tenth of its power, without a blind part and with the longest one."""
         half = min(self.waveform.samples_per_half, SHAPE_POINTS)
         blind = float(self._blind_samples(self.beat_hz[-1])) / self.waveform.samples_per_half
         windows = np.stack([self._window(half)] * 2, axis=-1)

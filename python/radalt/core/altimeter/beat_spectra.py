@@ -264,10 +264,7 @@ class BeatSpectra:
         return out
 
     def _cells(self, low: np.ndarray) -> np.ndarray:
-        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats.
-
-        A rising sweep's are the conjugates: its beats are the mirror's, so its samples are conjugated first.
-        """
+        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats."""
         padded = np.zeros((len(low), 2, self.fft_size), dtype=np.complex64)
         for half, slope in enumerate(self.waveform.half_slopes):
             if slope > 0:

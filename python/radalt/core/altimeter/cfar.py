@@ -33,7 +33,7 @@ class Significance(NamedTuple):
     support: np.ndarray  # (n, 2) float: see `support_of`
     colour: np.ndarray
     """(n, 2) float: 0 where the level is that of the whole band, 1 where it is that of the cells around."""
-    spared: np.ndarray
+    uncounted: np.ndarray
     """(n,) float32: ln(cells per independent trial), mean of both halves: above 0 where a shortened window widens the
     main lobe."""
 
@@ -134,8 +134,8 @@ class Cfar:
         level = np.maximum(level, least)
         share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - self.energy / q)
         looks = np.maximum(support / (share * self.per_resolution) * q, _FEWEST).astype(np.float32)
-        spared = -0.5 * ((1.0 - colour) * np.log(np.minimum(support / self.whole, 1.0))).sum(axis=1)
-        return Significance(cells, noise, level, looks, support, colour, spared.astype(np.float32))
+        uncounted = -0.5 * ((1.0 - colour) * np.log(np.minimum(support / self.whole, 1.0))).sum(axis=1)
+        return Significance(cells, noise, level, looks, support, colour, uncounted.astype(np.float32))
 
     def declared_level(
         self, power: np.ndarray, cells: Significance, at: np.ndarray, span: slice

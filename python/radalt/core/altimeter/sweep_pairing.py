@@ -63,7 +63,7 @@ class PairSearch:
     cell_threshold: float
     pair_threshold: float
     spare: float
-    """Decrease of the pair threshold per unit of `Significance.spared`: 1 per cell searched, 2 per pair of cells."""
+    """Decrease of the pair threshold per unit of `Significance.uncounted`: 1 per cell searched, 2 per pair of cells."""
     flank: float  # ratio of the power half a resolution cell away to a cell's own that no peak reaches
     side_lobes: np.ndarray  # (J,) float: greatest side lobe by distance in cells
     outshining: bool  # whether a strongest cell beyond the span of altitudes is taken for the return
@@ -128,7 +128,7 @@ class PairSearch:
 
     def threshold(self, cells: Significance) -> np.ndarray:
         """(n,) what the sum of both halves' significance has to exceed where noise lasts without a gap."""
-        return self.pair_threshold - self.spare * cells.spared
+        return self.pair_threshold - self.spare * cells.uncounted
 
     def _single(self, cells: Significance) -> np.ndarray:
         """(n,) bool: whether each half sweep shows a cell above the threshold for one."""
@@ -171,7 +171,7 @@ class PairSearch:
         each, own = self._against_span(power, cells, at, peak)
         # support alone spares once; more is for noise that is known to last without a gap
         shared = 0.5 * ((1.0 - cells.colour) * self.cfar.shared(power, at)).sum(axis=1)
-        fall = cells.spared + (self.spare - 1.0) * np.clip(shared, 0.0, cells.spared)
+        fall = cells.uncounted + (self.spare - 1.0) * np.clip(shared, 0.0, cells.uncounted)
         threshold = self.pair_threshold - np.where(own, 0.0, fall)
         return (each.sum(axis=1) > threshold) & (each >= FLOOR).all(axis=1)
 
@@ -202,11 +202,7 @@ class PairSearch:
         return cells.of(peak[..., None], noise[..., None])[..., 0], own
 
     def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n, 2) points of the greatest sum of (n, 2, points), the sum, and that of the best rival.
-
-        A rival has a cell beyond the main lobe in at least one half sweep: a side lobe, or a grating lobe of what is
-        left of a sweep.
-        """
+        """(n, 2) points of the greatest sum of (n, 2, points), the sum, and that of the best rival."""
         up, down = value[:, 0], value[:, 1]
         least, most = (_FINER * cells for cells in self.apart)
         count, n = up.shape[1], np.arange(len(up))

@@ -35,8 +35,6 @@ class Direction(Settings, where="auxiliary.directions"):
     """Power of a second path over the first, in both channels, each with its own phase; None for no second path."""
     echo_s: float = setting(500e-9, 0.0, _MOST_DELAY_S)
     """Delay of the second path."""
-    echo_doppler_hz: float = setting(0.0, -1e4, 1e4)
-    """Frequency difference of the second path against the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +121,7 @@ class AuxiliaryReceiver:
             late = direction.delay_s
             mine, theirs = read(k, 0.0), read(k, late) + ripple * phases[3] * read(k, late + _RIPPLE_S)
             if direction.echo_db is not None:
-                level = 10 ** (direction.echo_db / 20) * exp_cycles(direction.echo_doppler_hz * seconds)
+                level = 10 ** (direction.echo_db / 20)
                 direct = 1 / np.sqrt(1 + 10 ** (direction.echo_db / 10))  # the SIR is that of both paths
                 mine = direct * (mine + level * phases[1] * read(k, direction.echo_s))
                 theirs = direct * (theirs + level * phases[2] * read(k, late + direction.echo_s))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy import fft
 
 from ..fir import kaiser_lowpass
 from ..interference.transmission import Signal, begin
@@ -34,16 +35,21 @@ def interference_if(waveform: IfWaveform, emitter: Emitter, count: int, first: i
     return out
 
 
+def delayed_if(waveform: IfWaveform, frames: np.ndarray, delay_s: float) -> np.ndarray:
+    """(n, N) complex64 IF frames of an emitter that is received a delay later: y(t - d) LO(t - d) conj LO(t)."""
+    w, t = waveform, waveform.sample_times_s
+    cycles = w.phase_cycles(t - delay_s) - w.phase_cycles(t) - w.carrier_hz * delay_s
+    shift = exp_cycles(-fft.fftfreq(w.samples_per_frame, 1 / w.rate_hz) * delay_s)
+    return fft.ifft(fft.fft(frames, axis=1) * shift, axis=1) * exp_cycles(cycles)
+
+
 def _crossing(
     waveform: IfWaveform,
     time_s: np.ndarray,
     frequency_hz: np.ndarray | float,
     cycles: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """A wave of slowly varying frequency, computed only where its beat lies within reach of the simulated band.
-
-    Beats beyond the simulation rate less the IF's stop band alias outside the IF; the gate falls to zero before.
-    """
+    """A wave of slowly varying frequency, computed only where its beat lies within reach of the simulated band."""
     beat = frequency_hz - waveform.frequency_hz(time_s)
     inner = 0.5 * waveform.simulation_hz
     outer = waveform.simulation_hz - waveform.stop_hz

@@ -23,6 +23,9 @@ class EnvelopeGain:
     modulation: float
     """Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
     skirt as wide as the strong signal's band."""
+    distortion: float = (
+        0.0  # power of the output that is no multiple of the strong signal, over its power at the input
+    )
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,8 @@ class Amplifier:
         weak = self.weak_gain(amplitude)
         mean = float(weight @ weak)
         own = float(weight @ (share * self.gain(amplitude)))  # E[G(A) A] / E[A^2]
-        return EnvelopeGain(own, mean, float(weight @ weak**2) / mean**2 - 1)
+        whole = float(weight @ self.envelope(amplitude) ** 2) / power
+        return EnvelopeGain(own, mean, float(weight @ weak**2) / mean**2 - 1, whole - own**2)
 
 
 def rectified(power_mw: np.ndarray, iip2_dbm: float) -> np.ndarray:

@@ -337,8 +337,8 @@ def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
         return data
     if depth > 3 or not isinstance(base, str):
         raise ValueError(f"base is {base!r}; name a shipped profile or one next to this, four deep at most")
-    beside = path.parent / f"{base}.yaml"
-    below = _merged(beside if beside.is_file() else _shipped(base), depth + 1)
+    sibling = path.parent / f"{base}.yaml"
+    below = _merged(sibling if sibling.is_file() else _shipped(base), depth + 1)
     for key in ("numbers", "sources"):
         data[key] = below.get(key, {}) | data.get(key, {})
     return below | data

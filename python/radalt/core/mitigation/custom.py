@@ -13,7 +13,7 @@ import numpy as np
 from ..parsing import InputError, read_text
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .rehearsal import MOST_BYTES, rehearse
+from .trial_run import MOST_BYTES, try_out
 
 _CONTRACT = "it needs a function mitigate(frames, waveform) or one subclass of Mitigation"
 
@@ -49,7 +49,7 @@ class Custom(Mitigation):
         if not file:
             raise MitigationError(f"method custom has no file; name one with --method-file: {_CONTRACT}")
         self.file = Path(file)
-        rehearse("method file", waveform, self.file)
+        try_out("method file", waveform, self.file)
         module = self._load()
         self._mitigate = self._method(module, waveform)
         self.sha256 = hashlib.sha256(self.file.read_bytes()).hexdigest()

@@ -173,10 +173,10 @@ class QpskCancel(Mitigation):
         if not (on.any() and np.vdot(made, made).real >= self._s.min_suppression * left):
             return None
         most = self._s.training_symbols
-        median, beside = _median(level[on], most), np.inf if on.all() else _median(level[~on], most)
-        self.burst_weight = min(1.0, beside / max(median, 1e-30))
+        median, outside = _median(level[on], most), np.inf if on.all() else _median(level[~on], most)
+        self.burst_weight = min(1.0, outside / max(median, 1e-30))
         weight = np.where(on, np.float32(self.burst_weight), np.float32(1))
-        weight[level > self._s.outlier_power * np.where(on, median, beside)] = 0
+        weight[level > self._s.outlier_power * np.where(on, median, outside)] = 0
         out = np.zeros_like(residual)
         out[known] = rest * weight
         self.active_share = float(on.mean())

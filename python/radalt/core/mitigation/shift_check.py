@@ -1,7 +1,7 @@
-"""Did a network find the return, or invent one? A return moves with the frame, an invention does not.
+"""Is the return that a network puts out a true one? A return moves with the frame, a false return does not.
 
 The received frame is beat-shifted by a known altitude, cleaned again and shifted back. A return is then where it was
-before; an altitude that the network invents is not. A frame that shows no interference needs no second run: its
+before; a false return is not. A frame that shows no interference needs no second run: its
 altitude has to be the one measured before the network. So does an altitude from a weak peak: a network can lift a peak
 of the noise, which moves with the frame as a return does.
 """
@@ -22,7 +22,7 @@ _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (bench
 _SLOW_M_PER_S = 10.0  # vertical speed that almost no frame of a flight exceeds
 # so low a threshold that whatever is declared later is checked here
 _PFA = 20.0 * AltimeterSettings.pfa_per_frame
-# False alarms per frame at which a received frame has to show a weak peak: `_PFA` passes five times as many inventions.
+# False alarms per frame at which a received frame has to show a weak peak: `_PFA` passes five times as many.
 _WEAK_PFA = 5.0 * AltimeterSettings.pfa_per_frame
 
 

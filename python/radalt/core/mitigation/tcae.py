@@ -15,8 +15,8 @@ from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 from .input_scaler import NORMALISATIONS, InputScaler
 from .interference_detector import InterferenceDetector
 from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there, network_files
-from .rehearsal import rehearse
 from .shift_check import ShiftCheck
+from .trial_run import try_out
 
 # metadata every model carries
 CONTRACT_KEYS = (
@@ -136,7 +136,7 @@ class Tcae(Mitigation):
         self.threads = threads
         self.files = network_files(self.model)
         if all(file.is_file() for file in self.files) and not all(map(_is_shipped, self.files)):
-            rehearse("tcae model", waveform, *self.files)
+            try_out("tcae model", waveform, *self.files)
         self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads, provider)
         self.metadata = self._network.metadata
         self._check(waveform)
@@ -237,9 +237,9 @@ class Tcae(Mitigation):
         if self._shift_check is not None:
             # with a detector only frames that show interference come here
             known = self._detector is not None
-            invented = ~(lost | self._shift_check.holds(batch, out, self._infer, disturbed=known))
-            self.unconfirmed_frames += int(invented.sum())
-            out[invented] = 0
+            false_returns = ~(lost | self._shift_check.holds(batch, out, self._infer, disturbed=known))
+            self.unconfirmed_frames += int(false_returns.sum())
+            out[false_returns] = 0
         return out
 
     def _skip_lost(self, batch: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -262,10 +262,7 @@ class Tcae(Mitigation):
         return (resampled(cleaned, batch.shape[1]) * scale).astype(np.complex64, copy=False)
 
     def _filled(self, batch: np.ndarray) -> tuple[tuple[float, ...], np.ndarray]:
-        """Put (n, N) complex64 of the network's length into its input; their levels, and what undoes their scales.
-
-        The level of a frame that is not finite is NaN.
-        """
+        """Put (n, N) complex64 of the network's length into its input; their levels, and what undoes their scales."""
         levels, scales = zip(*map(self._scaler.fill, self._network.planes(len(batch)), batch), strict=True)
         # one scale per frame, or one per rail
         return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)

@@ -46,8 +46,8 @@ def jammers_of(scene: Scene) -> list[JammerStream]:
         sir_db = -10 * np.log10(max(power * one.overlap, 1e-20))
         alone = dataclasses.replace(one, sir_db=sir_db)
         seed = int(np.random.default_rng([scene.seed, k]).integers(2**31))
-        changes = {"interference": (alone,), "auxiliary": None, "total_sir_db": None, "seed": seed}
-        streams.append(jammer_of(dataclasses.replace(scene, **changes)))
+        own = dataclasses.replace(scene, interference=(alone,), auxiliary=None, total_sir_db=None, seed=seed)
+        streams.append(jammer_of(own))
     return streams
 
 

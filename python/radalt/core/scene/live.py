@@ -90,7 +90,7 @@ class RangeProfile:
         # joint significance K log(1 + r/K) of two equal half sweeps, solved for the power over noise r
         looks = 2.0 * cells.looks.mean(axis=1, keepdims=True)
         ratio = np.expm1(cells.value.sum(axis=1) / looks)
-        needed = np.expm1((self.altimeter.pair_threshold - cells.spared[:, None]) / looks)
+        needed = np.expm1((self.altimeter.pair_threshold - cells.uncounted[:, None]) / looks)
         profile = self._power_db(spectra) - self._unit_db
         with np.errstate(divide="ignore", invalid="ignore"):
             threshold = profile - 10.0 * np.log10(ratio / needed)

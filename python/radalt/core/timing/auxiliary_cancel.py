@@ -7,23 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
-from scipy.linalg import blas
 
 from ..altimeter.altimeter_settings import FASTEST_M_PER_S
 from ..parsing import Settings, setting
 from ..waveform import Waveform
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
+_LOADING = 1e-7  # diagonal loading over the second channel's mean power: below every converter's noise
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
 _STANDS_OUT = (
-    30.0  # power of a line over the cells next to it that is a return: noise reaches it once in 1e6 frames
+    30.0  # power of a line over the cells next to it that is a return: noise reaches it in 1e-6 of frames
 )
 _VISIBLE = 20.0  # power of a line over the cells next to it that noise exceeds in a cell of a million
 _UNSEEN = 3.0  # power, over that next to it, that a line may have and not be seen
 _ALIVE = 0.01  # least noise of the second channel over the first's: a dead one shows no return either
 _TAKEN = 0.3  # largest amplitude of the return that weights may take: 3 dB
 _RAISED_DB = 1.0  # rise of the measured isolation per frame: one frame of an interferer's line is no return
-_BESIDE = np.stack(
+_SIDES = np.stack(
     [np.arange(-36, -4), np.arange(5, 37)]
 )  # cells on either side of a line, beyond its main lobe
 _GUARD_CELLS = 40  # cells beyond the span's beats that hold side lobes of a strong return
@@ -39,24 +39,27 @@ class CancelSettings(Settings, where="auxiliary_cancel"):
     reach_s: float = setting(1.07e-6, 0.0, 2e-6)
     """Delays covered, plus and minus: path differences of an interferer and differences of the front ends."""
     order: int = setting(0, 0, 3)
-    """Polynomial in time that weights follow within a frame: 0 for antennas at rest."""
+    """Polynomial in time that weights follow within a piece: 0 for antennas at rest."""
     conjugate: bool = False
     """Use the second channel's complex conjugate as well, at twice the cost: for images of front ends above -45 dB."""
-    loading_db: float = setting(-70.0, -120.0, 0.0)
-    """Diagonal loading relative to the second channel's power."""
     least_db: float = setting(0.5, 0.1, 20.0)
-    """Least fall of the power outside the return's beats, below which a frame passes unchanged."""
+    """Least fall of a piece's power, below which it passes unchanged."""
+    pieces: int = setting(1, 1, 512)
+    """Parts of a frame with weights of their own, or the nearest number below that divides its samples: 1 before a
+    mixer, one per 55 us of the sweep behind it."""
 
 
 class AuxiliaryCancel:
     """Least squares of the first channel on delayed copies of the second, for each frame alone.
 
-    ``y[n] = x1[n] - sum_{q,d} h[q,d] P_q(n) x2[n-d]`` with Legendre polynomials ``P_q``. Weights are estimated
-    without the return: both channels are dechirped, the beats of the span set to zero, and the rest is chirped again.
+    ``y[n] = x1[n] - sum_{q,d} h[q,d] P_q(n) x2[n-d]`` with Legendre polynomials ``P_q`` over a piece of the frame.
+    Weights are estimated without the return: both channels are dechirped, the beats of the span set to zero, and the
+    rest is chirped again. Behind a mixer the span fills the IF, and only the beat of a return that stands out is left
+    out; a delay turns the phase along the sweep there, which pieces follow.
 
-    A frame passes unchanged, to the bit, where a channel is not finite; where the rest would lose less than
-    ``least_db``; where the isolation of the return is not known, or below 10 dB; where weights could take 3 dB of the
-    return (an interferer in its direction); and where a return that stood out would lose half of its power.
+    A piece passes where it would lose less than ``least_db``, or weights could take 3 dB of the return (an interferer
+    in its direction). A frame passes, to the bit, where all its pieces do, a channel is not finite, the isolation of
+    the return is unknown or below 10 dB, or a return that stood out would lose half of its power.
 
     The isolation is measured on frames in which a return stands out, such as those of the preamble. A line that both
     channels show sets it; where the second channel shows none, its noise gives a lower bound, which may raise it.
@@ -76,28 +79,28 @@ class AuxiliaryCancel:
     ) -> None:
         self.waveform, self.settings = waveform, settings or CancelSettings()
         n = self._n = waveform.samples_per_frame
-        self._reach = reach = round(self.settings.reach_s * waveform.rate_hz)
-        self._delays = range(-reach, reach + 1)
-        time, order = np.linspace(-1.0, 1.0, n), np.eye(self.settings.order + 1)
-        self._bases = [np.polynomial.legendre.legval(time, row).astype(np.float32) for row in order]
-        weights = len(self._delays) * len(self._bases) * (1 + self.settings.conjugate)
-        self._equations = slice(0, n, max(1, n // (_EQUATIONS * weights)))
+        self._reach = round(self.settings.reach_s * waveform.rate_hz)
+        self._pieces = max(p for p in range(1, self.settings.pieces + 1) if n % p == 0)
+        time, order = np.linspace(-1.0, 1.0, n // self._pieces), np.eye(self.settings.order + 1)
+        self._bases = np.polynomial.legendre.legval(time, order).astype(np.float32)
+        weights = (2 * self._reach + 1) * len(self._bases) * (1 + self.settings.conjugate) * self._pieces
+        self._step = max(1, n // (_EQUATIONS * weights))
         self._reference = waveform.reference.astype(np.complex64)
         edge = np.linspace(0.0, 20.0, n // 2)  # of each half sweep a Tukey window, a twentieth at either end
         window = 0.5 - 0.5 * np.cos(np.pi * np.minimum(1.0, np.minimum(edge, edge[::-1])))
         self._dechirp = (np.tile(window, 2) * self._reference.conj()).astype(np.complex64)
-        doppler_hz = waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S)
-        cells = (waveform.altitude_to_beat_hz(max_altitude_m) + doppler_hz) * waveform.sweep_s + _GUARD_CELLS
-        self._outside = np.abs(fft.fftfreq(n, 1 / n)) > cells
+        doppler = waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S) * waveform.sweep_s
+        self._cells = np.abs(fft.fftfreq(n, 1 / n))
+        beats = waveform.altitude_to_beat_hz(max_altitude_m) * waveform.sweep_s + doppler
+        self._span = self._cells <= beats + _GUARD_CELLS
+        self._notch = 2 * doppler + _GUARD_CELLS if waveform.deramped else None
         self._spin = np.exp(-2j * np.pi * np.arange(n) / n).astype(np.complex64)
         self.reset()
 
     def reset(self) -> None:
         """Forget the isolation; counters to zero."""
         self.isolation_db: float | None = None
-        self.frames = self.cancelled = self.refused = (
-            0  # refused: weights or output would have taken the return
-        )
+        self.frames = self.cancelled = self.refused = 0  # refused: the return would have been taken
 
     def status(self) -> dict[str, object]:
         """Counters, measured isolation, and why the canceller is off, if it is."""
@@ -126,37 +129,40 @@ class AuxiliaryCancel:
         self.frames += 1
         if not (np.isfinite(first).all() and np.isfinite(second).all()):
             return
-        spectra = fft.fft(np.stack([first, second]) * self._dechirp, axis=-1)
+        channels = np.stack([first, second]) * self._dechirp
+        spectra = fft.fft(channels, axis=-1)
         power = spectra.real**2 + spectra.imag**2
-        cell = int(np.argmax(np.where(self._outside, 0, power[0])))
+        cell = int(np.argmax(np.where(self._span, power[0], 0)))
         # the larger of both sides: at the edge of a burst's spectrum the other one is quiet
-        noise = np.median(power[:, (cell + _BESIDE) % self._n], axis=-1).max(axis=-1)
+        noise = np.median(power[:, (cell + _SIDES) % self._n], axis=-1).max(axis=-1)
         clear = power[0, cell] > _STANDS_OUT * noise[0]
         if clear:
             self._measure(power[:, cell], noise[1], *np.median(power[:, ::8], axis=-1))
         known_db = min(self.settings.isolation_db, self.isolation_db or 0.0)
         if known_db < LEAST_ISOLATION_DB:
             return
-        spectra *= self._outside
+        if self._notch is None:
+            spectra[:, self._span] = 0
+        elif clear:  # both half sweeps' beats
+            spectra[:, np.abs(self._cells - self._cells[cell]) <= self._notch] = 0
         rest = fft.ifft(spectra, axis=-1, overwrite_x=True)
         rest *= self._reference
-        weights, cleaned = self._estimate(*rest), first.copy()
-        if weights is None:
-            return
-        taken = np.vdot(weights, weights).real > (_TAKEN * 10 ** (known_db / 20)) ** 2
-        if not taken:
-            for weight, row in zip(weights, self._rows(second), strict=True):
-                blas.caxpy(row, cleaned, a=-weight)
-            cleaned[: self._reach] = cleaned[self._n - self._reach :] = (
-                0  # the frame's end is not its beginning
-            )
-            line = (self._spin[cell * np.arange(self._n) % self._n] * self._dechirp) @ cleaned if clear else 0
-            taken = clear and abs(line) ** 2 < 0.5 * power[0, cell]
-        if taken:
-            self.refused += 1
-        else:
+        weights, gained = self._estimate(*rest, channels[0])
+        taken = (np.abs(weights) ** 2).sum(axis=-1) > (_TAKEN * 10 ** (known_db / 20)) ** 2
+        weights[taken | ~gained] = 0
+        left = weights.any()
+        if left:
+            cleaned = first - (weights[:, None] @ self._rows(second)).reshape(-1)
+            # the frame's end is not its beginning
+            cleaned[: self._reach] = cleaned[self._n - self._reach :] = 0
+        if left and clear:
+            line = (self._spin[cell * np.arange(self._n) % self._n] * self._dechirp) @ cleaned
+            left = abs(line) ** 2 > 0.5 * power[0, cell]
+        if left:
             first[:] = cleaned
             self.cancelled += 1
+        else:
+            self.refused += bool(gained.any())
 
     def _measure(self, line: np.ndarray, noise: float, floor: float, auxiliary_floor: float) -> None:
         """Isolation from a return's line in both channels; ``noise`` is that next to it in the second."""
@@ -167,24 +173,29 @@ class AuxiliaryCancel:
         elif auxiliary_floor > _ALIVE * floor and (known is None or found > known):
             self.isolation_db = found if known is None else known + _RAISED_DB
 
-    def _rows(self, x: np.ndarray, step: slice = slice(None)) -> list[np.ndarray]:
-        """A contiguous row of (N,) samples per weight, every ``step`` of them."""
+    def _rows(self, x: np.ndarray, step: int = 1) -> np.ndarray:
+        """(pieces, weights, samples) complex64 copies of (N,) samples that weights multiply, every ``step``-th one."""
         ring = np.concatenate([x[self._n - self._reach :], x, x[: self._reach]])
-        rows = [ring[self._reach - d :][: self._n][step] for d in self._delays]
+        rows = np.lib.stride_tricks.sliding_window_view(ring, self._n)[::-1]
+        rows = rows.reshape(len(rows), self._pieces, -1)[..., ::step]
         if self.settings.conjugate:
-            rows += [row.conj() for row in rows]
+            rows = np.concatenate([rows, rows.conj()])
         if len(self._bases) > 1:
-            rows = [row * base[step] for base in self._bases for row in rows]
-        return rows
+            rows = np.concatenate([rows * base[::step] for base in self._bases])
+        return np.ascontiguousarray(rows.swapaxes(0, 1))
 
-    def _estimate(self, target: np.ndarray, x: np.ndarray) -> np.ndarray | None:
-        """Weights of the rows of ``x`` that leave least of ``target``; None where less than ``least_db`` is gained."""
-        rows = np.stack([*self._rows(x, self._equations), target[self._equations]])
-        products = (rows.conj() @ rows.T).astype(np.complex128)
-        if not np.isfinite(products).all():
-            return None
-        within, across, before = products[:-1, :-1], products[:-1, -1], products[-1, -1].real
-        load = 10 ** (self.settings.loading_db / 10) * np.trace(within).real / len(within)
-        weights = np.linalg.solve(within + (load + np.finfo(np.float32).tiny) * np.eye(len(within)), across)
-        after = before - 2 * np.vdot(weights, across).real + np.vdot(weights, within @ weights).real
-        return weights if after < before * 10 ** (-self.settings.least_db / 10) else None
+    def _estimate(
+        self, target: np.ndarray, x: np.ndarray, first: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Weights (pieces, weights) of ``x`` that leave least of ``target``; which gain ``least_db`` of ``first``."""
+        target, first = (y.reshape(self._pieces, 1, -1)[..., :: self._step] for y in (target, first))
+        rows = np.concatenate([self._rows(x, self._step), target], axis=1)
+        products = (rows.conj() @ rows.swapaxes(1, 2)).astype(np.complex128)
+        products[~np.isfinite(products).all(axis=(1, 2))] = 0
+        within, across = products[:, :-1, :-1], products[:, :-1, -1:]
+        eye = np.eye(within.shape[1])
+        load = _LOADING / len(eye) * np.trace(within, axis1=1, axis2=2).real + np.finfo(np.float32).tiny
+        weights = np.linalg.solve(within + load[:, None, None] * eye, across)
+        fall = (weights.conj() * (2 * across - within @ weights)).real.sum(axis=(1, 2))
+        least = (1 - 10 ** (-self.settings.least_db / 10)) * (np.abs(first) ** 2).sum(axis=(1, 2))
+        return weights[..., 0].astype(np.complex64), fall > least

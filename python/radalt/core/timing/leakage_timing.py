@@ -58,10 +58,7 @@ class LeakageTiming:
         return whole, rest
 
     def _refine(self, frame: np.ndarray, rest: float) -> float:
-        """Align the canceller with one frame; returns samples after its start, from a first estimate of them.
-
-        Gauss-Newton steps of the least-squares delay: 40 dB of leakage take a thousandth of a sample to vanish.
-        """
+        """Align the canceller with one frame; returns samples after its start, from a first estimate of them."""
         known = self.canceller
         for _ in range(_STEPS):
             known.align((rest + _DERIVED) / self._rate)

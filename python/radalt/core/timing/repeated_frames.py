@@ -77,11 +77,11 @@ class RepeatedNoise:
         self._span = slice(*np.searchsorted(spectra.beat_hz, spectra.search_hz))
         per = max(1, round(1.0 / (spectra.cell_hz * spectra.waveform.half_sweep_s)))
         low, high = np.searchsorted(spectra.beat_hz, spectra.search_hz)
-        beside = np.r_[
+        around = np.r_[
             np.arange(low - 2 * per, per - 1, -per), np.arange(high + per, spectra.beat_hz.size - per, per)
         ]
         most = _NOISE_CELLS // 2  # of each half sweep
-        self._at = beside[np.linspace(0, beside.size - 1, min(most, beside.size)).round().astype(int)]
+        self._at = around[np.linspace(0, around.size - 1, min(most, around.size)).round().astype(int)]
         self._per, self._rising = per, [slope > 0 for slope in spectra.waveform.half_slopes]
         self.reset()
 

@@ -93,10 +93,7 @@ class Deleter:
             self.predecessor = None
 
     def _occupied(self, track: Track, scan: Scan, found: Measurement) -> bool:
-        """Whether something stands where a track is expected that the lobes of the strongest return do not explain.
-
-        Within its own peak nothing else shows. What stands there is the track's return only if it moves as that did.
-        """
+        """Whether something stands where a track is expected that the lobes of the strongest return do not explain."""
         t = self.tables
         row = np.array([1.0, -scan.lead_s])
         apart_m = float(row @ track.filter.mean) - found.altitude_m

@@ -12,6 +12,7 @@ from .track import Evidence, Kalman, Track
 from .tracker_settings import TrackerSettings
 from .updater import Updater
 
+_MEMORY_OUTPUTS = 10.0  # outputs over which evidence against rival altitudes is remembered
 # Number of candidates: one may be a grating lobe, which stays as long as the interference does, so the return needs a
 # second one.
 _CANDIDATES = 2
@@ -89,7 +90,7 @@ class Initiator:
         covariance = np.diag([found.altitude_variance_m2 + (spread * scan.lead_s) ** 2, spread**2])
         mean = np.array([found.altitude_m, 0.0])
         pulled = np.array([np.sqrt(found.altitude_variance_m2), 0.0])
-        track = Track(Kalman(mean, covariance, pulled=pulled), Evidence(self.settings.memory_outputs))
+        track = Track(Kalman(mean, covariance, pulled=pulled), Evidence(_MEMORY_OUTPUTS))
         track.evidence.add(*scan.block.differences(found, self.updater.reach))
         track.append(found, scan.middle)
         track.doppler_m_per_s = found.speed_m_per_s

@@ -2,7 +2,7 @@
 
 Each half sweep's power is divided by its noise level and compressed to ``log(1 + x)`` before it is summed. In
 exponential noise that costs 0.3 dB of sensitivity against the plain sum. In return no single frame decides a block,
-however strong its peak: what a method invents in one frame of forty is outvoted.
+however strong its peak: a false return in one frame of forty is outvoted.
 """
 
 import numpy as np
@@ -101,11 +101,7 @@ class Integrator:
         self.trials = max(1.0, self.valid.sum() / self.resolution_cells**2)
 
     def _point_response(self, altimeter: Altimeter) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """How a point return shows in the cells around its peak, measured at the middle of the span.
-
-        Two curves: its offset from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone;
-        and its power against the distance in cells, relative to the peak.
-        """
+        """How a point return shows in the cells around its peak, measured at the middle of the span."""
         s = altimeter.settings
         middle = int(np.argmin(np.abs(self.altitude_m[0] - 0.5 * (s.min_altitude_m + s.max_altitude_m))))
         cell, reach = int(self.up_cell[0, middle]), round(self.resolution_cells) + 1

@@ -168,14 +168,14 @@ class Block:
         Within a gate the strongest entry may lie on the flank of a lobe beyond it.
         """
         t = self.tables
-        beside = np.zeros((t.speeds.size, 2, t.beat_hz.size), dtype=bool)
+        covered = np.zeros((t.speeds.size, 2, t.beat_hz.size), dtype=bool)
         for k in np.unique(t.rows[allowed.any(axis=1), 0]).tolist():
             power = self._sums(k)[0]
             peak = (power[:, 1:-1] >= power[:, :-2]) & (power[:, 1:-1] >= power[:, 2:])
             for shift in range(3):
-                beside[k, :, shift : shift + peak.shape[1]] |= peak
+                covered[k, :, shift : shift + peak.shape[1]] |= peak
         k = t.rows[:, :1]
-        found = allowed & beside[k, 0, t.up_cell] & beside[k, 1, t.down_cell]
+        found = allowed & covered[k, 0, t.up_cell] & covered[k, 1, t.down_cell]
         return found if found.any() else allowed
 
     def measure(self, entry: Entry) -> Measurement | None:
@@ -267,10 +267,7 @@ class Block:
         return self._known[k]
 
     def _climb(self, power: np.ndarray, cell: int) -> int:
-        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return.
-
-        A cell beyond the span, where a return at its edge may have moved to, starts at the edge.
-        """
+        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return."""
         t = self.tables
         cell = min(max(cell, t.first), t.last - 1)
         while True:

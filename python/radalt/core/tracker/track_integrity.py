@@ -33,6 +33,8 @@ _EDGE_SHARE, _LEAST_EDGE_M = 0.01, 0.1
 # that of the ratio of amplitudes, 2 (6 dB).
 _MOMENT_FACTOR = 1.42
 _SPARE_EXTENT = 2.0  # factor on that extent, beyond which the asymmetry of a peak is another return
+# Powers below a track's, dB, down to which a farther and a nearer return leave it undecided: the ground is the nearest.
+_RIVAL_DB, _NEARER_RIVAL_DB = 6.0, 10.0
 # Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
 _MIRRORED = 0.25
 # Standard deviations by which the strongest entry of any speed has to exceed a track's to be a rival: the greatest
@@ -91,7 +93,7 @@ class Integrity:
         self.search_threshold = noise_threshold(settings.search_pfa, t.trials)
         # a base station's pattern recurs within the block, which halves the independent frames, for a whole flight
         self.received_threshold = np.sqrt(2.0) * self.search_threshold
-        self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
+        self._shares = tuple(10.0 ** (-db / 10.0) for db in (_RIVAL_DB, _NEARER_RIVAL_DB))
         self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
         self._rival_sigmas = noise_threshold(settings.risk / 2.0, (t.last - t.first) / t.resolution_cells)
 
@@ -117,10 +119,7 @@ class Integrity:
         return not self._has_rival(track, scan, found)
 
     def _mirrored(self, track: Track) -> bool:
-        """Whether a track's altitudes contradict the sign of its Doppler, as of a receiver with I and Q exchanged.
-
-        The sum of both speeds is then nearer to zero than their difference, and that beyond its error.
-        """
+        """Whether a track's altitudes contradict the sign of its Doppler, as of a receiver with I and Q exchanged."""
         if not self.tables.doppler:
             return False
         slope, sigma = track.speed_by_altitudes(self.sweep_s, track.latest.altitude_variance_m2)
@@ -154,14 +153,11 @@ class Integrity:
         return block.second_return(found, round(near_m / t.cell_m), *self._shares, asymmetry)
 
     def _received_rival(self, before: Block, found: Measurement, here_m: float, near_m: float) -> bool:
-        """Whether the received frames show a rival, near by or far, that a method may have taken away.
-
-        Where interference hides the return in them, a line near by has to be stronger than noise gives.
-        """
+        """Whether the received frames show a rival, near by or far, that a method may have taken away."""
         t = self.tables
         found = replace(found, power=before.power_at(found))
-        beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
-        if beside is not None and beside.strength >= self.received_threshold:
+        neighbour = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
+        if neighbour is not None and neighbour.strength >= self.received_threshold:
             if self._second(before, found, near_m):
                 return True
         return self._rival(before, found.power, here_m, near_m, self.received_threshold)

@@ -73,12 +73,6 @@ class TrackerSettings(Settings, where="tracker"):
     """Probability that the error exceeds the protection level, per output called NORMAL."""
     max_protection_m: float = setting(60.0, 1.0, 10_000.0)
     """An altitude with a higher protection level is not given."""
-    memory_outputs: float = setting(10.0, 1.0, 1000.0)
-    """Outputs over which evidence against rival altitudes is remembered."""
-    rival_db: float = setting(6.0, 0.0, 40.0)
-    """A second return farther up leaves the altitude undecided, unless it is weaker by more than this."""
-    nearer_rival_db: float = setting(10.0, 0.0, 40.0)
-    """The same for a nearer return than the track's: the ground is the nearest thing there is."""
     leakage_m: float | None = setting(None, 0.0, 1000.0)
     """Altitude below which no track starts: the transmitter's own leakage and the landing gear lie there
     (docs/leakage.md). A track that comes from above continues. None is 15 m where range rates show as Doppler, and 0

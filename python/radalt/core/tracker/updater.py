@@ -107,10 +107,7 @@ class Updater:
         )
 
     def _pulled(self, track: Track) -> bool:
-        """Whether interference that pulls one half may explain a Doppler that cannot be.
-
-        It may in one block alone, and of a track whose ambiguity is resolved and that no other pair of cells could be.
-        """
+        """Whether interference that pulls one half may explain a Doppler that cannot be."""
         return track.resolved and track.contradicted == 0 and self.integrity.alone(track)
 
     def resolve(self, track: Track, scan: Scan, found: Measurement) -> Measurement:

@@ -224,10 +224,10 @@ def _renamed(data: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str,
     return data, {block["name"]: block for block in data["blocks"]}
 
 
-def _block(name: str, kind: str, parameters: dict[str, str], beside: dict[str, Any]) -> dict[str, Any]:
+def _block(name: str, kind: str, parameters: dict[str, str], pattern: dict[str, Any]) -> dict[str, Any]:
     """A new block in the place of another one."""
-    return {"name": name, "id": kind, "parameters": parameters, "states": copy.deepcopy(beside["states"])}
+    return {"name": name, "id": kind, "parameters": parameters, "states": copy.deepcopy(pattern["states"])}
 
 
-def _parameter(name: str, label: str, kind: str, value: str, beside: dict[str, Any]) -> dict[str, Any]:
-    return _block(name, "parameter", {"label": label, "type": kind, "value": value}, beside)
+def _parameter(name: str, label: str, kind: str, value: str, pattern: dict[str, Any]) -> dict[str, Any]:
+    return _block(name, "parameter", {"label": label, "type": kind, "value": value}, pattern)

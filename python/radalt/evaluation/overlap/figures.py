@@ -277,10 +277,7 @@ def _plot(
     style: dict[str, Any],
     tips: Sequence[str],
 ) -> None:
-    """Draw a series with its bars and tooltips; ``place`` is its number and how many there are.
-
-    Markers get smaller from series to series, so that those of equal values show within each other.
-    """
+    """Draw a series with its bars and tooltips; ``place`` is its number and how many there are."""
     k, count = place
     size = (6.0 if style["marker"] == "*" else 4.0) + 0.9 * (count - 1 - k)
     style_options = {"lw": 1.1, "elinewidth": 0.7, "capsize": 1.5, "ms": size, "markeredgewidth": 0.9}

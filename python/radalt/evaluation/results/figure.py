@@ -94,10 +94,7 @@ def save_figure(figure: Any, path: Path) -> None:
 
 
 def _said(figure: Any) -> str:
-    """Invisible SVG circles with tooltips, one per point of `say`.
-
-    They are written as text: as markers of matplotlib they took a sixth of the time of a report's figures.
-    """
+    """Invisible SVG circles with tooltips, one per point of `say`."""
     points, height = 72.0 / figure.dpi, 72.0 * figure.get_figheight()
     circles = []
     for axis, x, y, text in getattr(figure, "radalt_said", []):

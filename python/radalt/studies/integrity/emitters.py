@@ -18,7 +18,7 @@ from ...core.interference.transmission import Signal, Transmission, in_blocks
 from ...core.scene import load_scene
 from .cases import WAVEFORM, Case
 
-_ANEW = "fmcw"  # an emitter that is heard now and then: each frame's window is drawn to contain a passage
+_ANEW = "fmcw"  # an emitter that is received now and then: each frame's window is drawn to contain a passage
 _NR_FRAMES = 4  # NR frames of 10 ms after which a drawn transmitter starts again
 _REPEATED = 20  # radar frames after which a repeating transmitter starts again (docs/tracker.md)
 _TRANSMITTED_S = 0.3  # signal of GNU Radio's transmitters from which every 40 ms are drawn

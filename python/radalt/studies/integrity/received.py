@@ -39,7 +39,7 @@ def _segmented(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator
         background, leakage, installation_m = _installed(case, rng)
     apart = DRIFT * case.value if case.kind == "clock" else 0.0
     begun_s = (np.arange(total) + 0.5) * w.sweep_s
-    heard = dataclasses.replace(
+    placed = dataclasses.replace(
         flight,
         middle_m=flight.middle_m + installation_m + apart * begun_s,
         speed_m_per_s=flight.speed_m_per_s + apart,
@@ -57,7 +57,7 @@ def _segmented(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator
     first = background[0] if leakage is not None else point_return(w, np.zeros(_PREAMBLE))
     segmenter.push((first + np.float32(0.1) * white_noise(_PREAMBLE, rng)).ravel())
     tail = np.array([total]), white_noise(1, rng)  # the segmenter ends a frame some samples after its last
-    for index, frames in itertools.chain(frames_of(case, heard, rng), [tail]):
+    for index, frames in itertools.chain(frames_of(case, placed, rng), [tail]):
         frames += background[(index >= (flight.fault_frame or 0)).astype(int)]
         position = int(index[0]) * n + np.arange(frames.size)
         found = segmenter.push(frames.ravel()[(position < cut) | (position >= cut + lost)])

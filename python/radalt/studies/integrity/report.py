@@ -154,10 +154,7 @@ def _hours_of(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _weighted(strata: Mapping[str, Sequence[Row]]) -> dict[str, Any]:
-    """`_hours_of` all strata, availability and bound weighted by their shares of the time in the air.
-
-    The sum of shares times rates is at most the greatest share per hour flown times the bound of all events.
-    """
+    """`_hours_of` all strata, availability and bound weighted by their shares of the time in the air."""
     shares = np.array([STRATA[name][0] for name in strata])
     shares /= shares.sum()
     each = [_hours_of(rows) for rows in strata.values()]

@@ -40,7 +40,7 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
         counted[name] += count
         return out
 
-    sent, heard = np.empty((2, _AT_ONCE, n), dtype=np.complex64)
+    sent, arrived = np.empty((2, _AT_ONCE, n), dtype=np.complex64)
     channel, jammer = top.simulated_channel.channel, getattr(top, "jammer_source", None)
     jammed = np.zeros_like(sent)
     for first in range(0, frames, _AT_ONCE):
@@ -53,9 +53,13 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
             timed("jammer_source", 1, lambda at=row: jammer.stream.next_frame(at))
         other = jammed.ravel() if jammer is not None else None
         timed(
-            "simulated_channel", _AT_ONCE, lambda two=other: channel.process(sent.ravel(), two, heard.ravel())
+            "simulated_channel",
+            _AT_ONCE,
+            lambda two=other: channel.process(sent.ravel(), two, arrived.ravel()),
         )
-        found = timed("frame_segmenter", _AT_ONCE, lambda: top.frame_segmenter.segmenter.push(heard.ravel()))
+        found = timed(
+            "frame_segmenter", _AT_ONCE, lambda: top.frame_segmenter.segmenter.push(arrived.ravel())
+        )
         if not found:
             continue
         received = np.stack([frame.samples for frame in found])
@@ -68,8 +72,8 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
                 f"altimeter_{method}", len(found), lambda b=block, x=(cleaned, quality): _measured(b, *x)
             )
             if hasattr(block, "tracker"):
-                beside = None if method == "none" else received
-                _track(timed, method, block, spectra, beside)
+                uncleaned = None if method == "none" else received
+                _track(timed, method, block, spectra, uncleaned)
     if "tcae" in prepared.methods:
         _run_graph(timed, n, batch, frames)
     return {name: seconds / counted[name] for name, seconds in spent.items()}
@@ -100,11 +104,11 @@ def _cleaned(
 
 def _track(timed: Callable, method: str, block: Any, spectra: Spectra, received: np.ndarray | None) -> None:
     """What a tracker does beyond an altimeter: spectra of the received frames, sums and decisions."""
-    count, beside = len(spectra.power), None
+    count, uncleaned = len(spectra.power), None
     if received is not None:
         work = lambda: block.altimeter.spectra(received, spectra.quality)  # noqa: E731
-        beside = timed(f"received_{method}", count, work)
-    timed(f"tracker_{method}", count, lambda: block.tracker.process(spectra, received=beside))
+        uncleaned = timed(f"received_{method}", count, work)
+    timed(f"tracker_{method}", count, lambda: block.tracker.process(spectra, received=uncleaned))
 
 
 def _run_graph(timed: Callable, samples: int, batch: int, frames: int) -> None:

@@ -71,13 +71,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     scene = long_scene(scene, args.seconds)
     samples = scene.waveform.samples_per_frame
     options = {"batch": args.batch, "skip_clean": args.skip_clean}
-    beside = {"own_process": not args.one_process, "track": args.tracked}
+    extras = {"own_process": not args.one_process, "track": args.tracked}
     folder = (
-        _folder(args.out, scene, methods, options | beside, command_of(args, parser)) if args.out else None
+        _folder(args.out, scene, methods, options | extras, command_of(args, parser)) if args.out else None
     )
     with tempfile.TemporaryDirectory(prefix="radalt_") as build:
         for realtime in [False] * (not args.held_only) + [True] * (not args.free_only):
-            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options, **beside)
+            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options, **extras)
             limit = 20.0 * args.seconds * max(1.0, scene.waveform.rate_hz / 7.5e6) + 60.0
             unit_s = [fft_seconds(samples)]
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)

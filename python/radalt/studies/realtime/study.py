@@ -138,8 +138,8 @@ def fly_benchmark(prepared: Prepared, scene: Scene, *, realtime: bool, time_limi
     segmenter.arrivals = deque(maxlen=_ARRIVALS) if realtime else None
     sinks = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}
     tcae = getattr(top, "mitigation_tcae", None)
-    beside = tcae.method if tcae is not None and isinstance(tcae.method, OwnProcess) else None
-    watch = _Watch(blocks_of(top), beside)
+    apart = tcae.method if tcae is not None and isinstance(tcae.method, OwnProcess) else None
+    watch = _Watch(blocks_of(top), apart)
     cores = OutsideWatch()
     cpu = time.process_time()
     try:
@@ -154,8 +154,8 @@ def fly_benchmark(prepared: Prepared, scene: Scene, *, realtime: bool, time_limi
     finally:
         outside = cores.end()
     status = segmenter.status()
-    if beside is not None:
-        watch.cpu_s["network's process"] = 1e-9 * beside.outside_cpu_ns
+    if apart is not None:
+        watch.cpu_s["network's process"] = 1e-9 * apart.outside_cpu_ns
         cpu += watch.cpu_s["network's process"]
     return Measurement(
         signal_s=segmenter.segmenter.sample_counter / scene.waveform.rate_hz,
@@ -188,9 +188,9 @@ def _latency_ms(times: np.ndarray, arrivals: Any, scene: Scene) -> np.ndarray:
 class _Watch:
     """CPU time of the blocks' threads and resident memory, read while they run."""
 
-    def __init__(self, blocks: dict[str, Any], beside: OwnProcess | None) -> None:
+    def __init__(self, blocks: dict[str, Any], apart: OwnProcess | None) -> None:
         self._blocks = blocks
-        self._processes = ["self"] if beside is None else ["self", str(beside.process_id)]
+        self._processes = ["self"] if apart is None else ["self", str(apart.process_id)]
         self._tick_s = 1.0 / os.sysconf("SC_CLK_TCK")
         self._page = os.sysconf("SC_PAGE_SIZE")
         self.cpu_s: dict[str, float] = {}

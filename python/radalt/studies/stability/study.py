@@ -28,8 +28,6 @@ _TABLES = {
     ),
     "checks": Columns(names=("check", "value", "bound", "unit", "verdict"), text=_WORDS),
 }
-# CPU seconds of one machine; `rehearsal` scales them to this one
-# per chain: two constructions and the clean frame; each frame with its references
 
 
 def compared_chains(methods: Sequence[str], models: Sequence[Path] = ()) -> tuple[Chain, ...]:

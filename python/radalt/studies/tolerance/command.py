@@ -56,6 +56,8 @@ def _arguments(parser: Parser) -> None:
         40,
     )
     parser.option("--seeds", "realisations", number(int, 1, 100), 1)
+    words = "the first of them; the shipped altimeters were fitted on 1"
+    parser.option("--seed", words, number(int, 1, 10_000), 2)
     parser.option(
         "--ground",
         "a point at the loop loss of diffuse ground, as a test set shows it, or diffuse ground (default: point)",
@@ -67,7 +69,10 @@ def _arguments(parser: Parser) -> None:
         "fly past base stations instead: a YAML file such as flowgraphs/approaches/glide_path.yaml",
         default="",
     )
-    parser.flag("--decompose", "interferers outside the band also with each mechanism alone, and without it")
+    parser.flag(
+        "--decompose",
+        "interferers outside the band also with each mechanism alone or off, those in it without compression",
+    )
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> Study:
@@ -83,7 +88,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study:
 
     return ToleranceStudy(
         args.profile, args.interferers, args.method, args.altitudes_ft, args.outputs, args.seeds, args.ground,
-        args.decompose,
+        args.decompose, args.seed,
     )  # fmt: skip
 
 

@@ -102,6 +102,8 @@ class Interferer:
     """Whether the aircraft's other altimeters and a foreign one transmit as well, at their own levels."""
     bursts: Bursts | None = None
     """When it transmits; None is always."""
+    elsewhere_db: float | None = None
+    """Power of a second one of the kind, in another direction, over the first's; None for none."""
 
     @property
     def blocker(self) -> bool:
@@ -175,6 +177,7 @@ INTERFERERS = {
         "equal sweep, drifting", _drifting, constant_envelope=True, bandwidth_hz=1.0
     ),
     "white_noise_others": Interferer("white noise, own altimeters on", others=True),
+    "white_noise_two": Interferer("white noise, and 10 dB weaker from elsewhere", elsewhere_db=-10.0),
 }
 
 

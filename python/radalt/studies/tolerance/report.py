@@ -185,8 +185,11 @@ def _margin_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Gr
 def _mechanism_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups) -> str:
     """What every mechanism costs: break-point with it alone, and what switching it off gains in dB."""
     lines = []
-    outside = [name for name in study.interferers if INTERFERERS[name].blocker]
-    for p, name, method, mechanism in product(profiles, outside, study.methods, MECHANISMS):
+    for p, name, method, mechanism in product(profiles, study.interferers, study.methods, MECHANISMS):
+        if not any(
+            (p.name, f"without {mechanism}", method, name, feet) in groups for feet in study.altitudes_ft
+        ):
+            continue
         cells = [f"{p.name}, {INTERFERERS[name].title}, {method}", mechanism]
         for feet in study.altitudes_ft:
             alone, without, whole = (
@@ -228,11 +231,11 @@ def _gain_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Grou
     if not others or "none" not in study.methods:
         return ""
     lines = []
-    for p, name, method in product(profiles, study.interferers, others):
-        keys = [((p.name, "all", m, name, feet) for m in ("none", method)) for feet in study.altitudes_ft]
-        lines.append(
-            [f"{p.name}, {INTERFERERS[name].title}, {method}", *(_gained(*map(groups.get, k)) for k in keys)]
-        )
+    cases = ("all", "without compression") if study.decompose else ("all",)
+    for p, name, method, case in product(profiles, study.interferers, others, cases):
+        keys = [[(p.name, case, m, name, feet) for m in ("none", method)] for feet in study.altitudes_ft]
+        words = f"{p.name}, {INTERFERERS[name].title}, {method}" + (f", {case}" if case != "all" else "")
+        lines.append([words, *(_gained(*map(groups.get, k)) for k in keys)])
     return table(["altimeter, interferer, method", *_feet(study)], lines)
 
 

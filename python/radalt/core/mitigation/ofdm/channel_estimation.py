@@ -103,10 +103,7 @@ def blind_channel(grid: ElementGrid, free: np.ndarray, model: str, settings: Ofd
 
 
 def _widest(mean: np.ndarray) -> np.ndarray:
-    """(K,) mean fourth powers, averaged over as many subcarriers as least squares error allows.
-
-    The error of a width n is its bias, measured against five subcarriers, plus noise / n.
-    """
+    """(K,) mean fourth powers, averaged over as many subcarriers as least squares error allows."""
     noise = float(np.mean(power(mean[1:] - mean[:-1])) / 2)
     near = moving_average(mean, 5)
     best, least = near, np.inf

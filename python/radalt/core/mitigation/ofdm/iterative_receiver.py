@@ -192,25 +192,25 @@ class IterativeReceiver:
         channel, used, noise, model = start.channel, start.used, start.noise, start.model
         estimator = ChannelEstimator(self._s)
         s = self._s
-        heard = _Elements.of(grid, start.phase, known)
+        observed = _Elements.of(grid, start.phase, known)
         everywhere = known is not None and known.everywhere
         t = (np.broadcast_to(used, free.shape) if everywhere else free & used).astype(np.float32)
         masked = ~free & used
         bound = np.abs(channel)
         h2 = np.maximum(power(channel), _LEAST)
         if noise is None:
-            relative, turn = self._first_noise(equalise(heard.emitter(), channel), t, grid.segments)
+            relative, turn = self._first_noise(equalise(observed.emitter(), channel), t, grid.segments)
             noise = np.broadcast_to(relative * h2, free.shape)
-            heard.turn(turn)
+            observed.turn(turn)
         return_power, before = np.float32(0), 0.0
         wide = {"static": 1, "moving": s.iterations_moving - 2, "tile": 0}[model] if acquiring else 0
         fewest = {"static": 1, "moving": s.iterations_moving - 2, "tile": 3}[model] if acquiring else 0
         for iteration in range(iterations + 1):
             h2 = np.maximum(power(channel), _LEAST)
-            y = heard.emitter()
+            y = observed.emitter()
             z = equalise(y, channel)
             soft = self._demapper.demap(
-                z, (noise + masked * heard.doubt(return_power)) / h2, t, grid.segments
+                z, (noise + masked * observed.doubt(return_power)) / h2, t, grid.segments
             )
             decided = channel * soft.mean
             error = power(y - decided) + h2 * np.maximum(soft.second - power(soft.mean), 0)
@@ -227,14 +227,16 @@ class IterativeReceiver:
             before = now
             agreement = y * decided.conj() * w
             turn = correct_phase(agreement)
-            heard.turn(turn)
+            observed.turn(turn)
             if model == "static" and acquiring and iteration < 2:
-                heard.retime(retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid))
+                observed.retime(
+                    retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid)
+                )
             prior = None
             if model == "static":
                 prior = channel[0], np.float32(memory / median(noise[:, :: self._num.block]))
             channel = estimator.estimate(
-                heard.emitter() * soft.mean.conj() * w,
+                observed.emitter() * soft.mean.conj() * w,
                 soft.second * w,
                 grid,
                 model,
@@ -244,7 +246,7 @@ class IterativeReceiver:
             )
             if last:
                 break
-        found = Reception(channel, used, heard.phase, heard.elements, noise, soft, model, now)
+        found = Reception(channel, used, observed.phase, observed.elements, noise, soft, model, now)
         found = replace(found, ramp=grid.ramp, return_power=float(return_power))
         return self._judged(found, y, error, h2, t, acquiring)
 
@@ -278,10 +280,7 @@ class IterativeReceiver:
     def _first_noise(
         self, z: np.ndarray, t: np.ndarray, segments: np.ndarray
     ) -> tuple[np.float32, np.ndarray]:
-        """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1).
-
-        One block in `_SAMPLED` is judged. A symbol of synchronisation signals and data may be an eighth of a turn off.
-        """
+        """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1)."""
         block = self._num.block
         some = np.ascontiguousarray(z.reshape(len(z), -1, block)[:, ::_SAMPLED]).reshape(len(z), -1)
         known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::_SAMPLED]).reshape(len(t), -1)

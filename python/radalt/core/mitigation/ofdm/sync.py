@@ -32,8 +32,8 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
     total = ndimage.uniform_filter1d(folded, width, mode="wrap")
     size = np.abs(total)
     peak = int(size.argmax())
-    beside = int(1.5 * width) + 1
-    rest = size.take(np.arange(peak + beside, peak + bins - beside + 1), mode="wrap")
+    margin = int(1.5 * width) + 1
+    rest = size.take(np.arange(peak + margin, peak + bins - margin + 1), mode="wrap")
     scatter = np.sqrt(np.mean(rest**2))
     contrast = float(size[peak] / scatter) if scatter > 0 else 0.0
     return Prefix(peak * numerology.spacing / bins, float(np.angle(total[peak]) / (2 * np.pi)), contrast)

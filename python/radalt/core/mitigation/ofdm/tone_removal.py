@@ -11,7 +11,7 @@ from ...fir import cosine_window
 _LINE = 30.0  # times the median power of the bins around it; of 7,500 bins of noise the largest has 13
 _PEAK = 20.0  # times the mean power of all bins: a fainter tone does no harm
 _BLOCK = 125  # bins with one floor
-_BESIDE = 2  # bins that a line takes on either side
+_AROUND = 2  # bins that a line takes on either side
 _RANGE = 1e-2  # of the strongest line's power: fainter ones may be its side lobes
 _MOST = 8  # tones
 _PASSES = 4
@@ -65,8 +65,8 @@ def _lines(frame: np.ndarray) -> np.ndarray:
     for block in high:
         least[block * _BLOCK : (block + 1) * _BLOCK] = max(_LINE * floor[block], _RANGE * level.max())
     high = np.flatnonzero(level > least)
-    beside = level.take(high[:, None] + np.arange(-_BESIDE, _BESIDE + 1), mode="wrap")
-    return high[level[high] >= beside.max(axis=1)].astype(float)
+    neighbours = level.take(high[:, None] + np.arange(-_AROUND, _AROUND + 1), mode="wrap")
+    return high[level[high] >= neighbours.max(axis=1)].astype(float)
 
 
 def _fitted(frame: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -115,11 +115,7 @@ def _advances(count: int) -> np.ndarray:
 
 
 def _tap_pairs(fine: np.ndarray, spacing: int, taps: int) -> np.ndarray:
-    """(spacing * _UPSAMPLING, places, 2, taps): from each point and from the next one on, samples ``spacing`` apart.
-
-    Of points that are one tap apart, the taps of a symbol are neighbours. The last points, if they are few, are left
-    out.
-    """
+    """(spacing * _UPSAMPLING, places, 2, taps): from each point and from the next one on, samples ``spacing`` apart."""
     places = fine.shape[1] // spacing
     points = np.empty((spacing * _UPSAMPLING + 1, places), dtype=np.complex64)
     points[:-1].reshape(spacing, _UPSAMPLING, places)[:] = (

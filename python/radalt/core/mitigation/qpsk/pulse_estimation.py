@@ -29,8 +29,8 @@ class SymbolTrain(OverlapSave):
 
     def send(self, times: np.ndarray, values: np.ndarray) -> None:
         """Other symbols, in the next frame; parameters as above."""
-        beside = self.length // 2
-        self.known = slice(int(times[0]) + beside, max(int(times[0]) + beside, int(times[-1]) - beside))
+        margin = self.length // 2
+        self.known = slice(int(times[0]) + margin, max(int(times[0]) + margin, int(times[-1]) - margin))
         self.middle, self.half = (times[-1] + times[0]) / 2, (times[-1] - times[0]) / 2
         self._times, self._values = times, values
 

@@ -1,7 +1,7 @@
 """Try foreign code in a process of its own first, since it may never end, or may end the whole program.
 
 A method file is a program and an ONNX file is one too. A loop without end while it is loaded, or ``os._exit(0)``, would
-hang our command or end it with status 0 and without a word. In the rehearsal only the rehearsal's process is lost.
+hang our command or end it with status 0 and without a word. In the trial run only the trial run's process is lost.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ _FLAG = "RADALT_REHEARSAL"
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; perform({link})"
 
 
-def rehearse(what: str, waveform: Waveform, *files: Path) -> None:
+def try_out(what: str, waveform: Waveform, *files: Path) -> None:
     """Build the method of foreign files in another process and clean a frame; files already tried return at once.
 
     Worker processes skip it: their work has a time limit, and the program that started them has rehearsed.
@@ -88,7 +88,7 @@ def _rehearsed(what: str, file: str, written: tuple[tuple[int, int], ...], wavef
 
 
 def perform(link: int) -> None:
-    """What the rehearsal's process does: build the method, clean one frame, say so."""
+    """What the trial run's process does: build the method, clean one frame, say so."""
     from . import create
 
     request = json.load(sys.stdin)
