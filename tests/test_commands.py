@@ -284,6 +284,3 @@ def test_an_option_that_is_nearly_one_is_named(capsys, monkeypatch, called, name
         ota_eval.main(["--sim", "--ovrlap=1"])
     said = f"{name}: .* --ovrlap=1; did you mean '--overlap'. --help lists the options"
     assert re.match(said, capsys.readouterr().err)
-    with pytest.raises(SystemExit):
-        ota_eval.main(["--sim", "--resume"])
-    assert re.fullmatch(f"{name}: --resume needs --out [^?]*\n", capsys.readouterr().err)

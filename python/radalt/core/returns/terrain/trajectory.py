@@ -29,18 +29,7 @@ COLUMNS = {
 # (OpenSky's own state vectors, which have `velocity`, are metric)
 _UNITS = dict.fromkeys(("altitude_m", "alt_m"), "m")
 _UNITS |= dict.fromkeys(("altitude_ft", "alt_ft", "alt_baro", "alt_geom"), "ft")
-_LOGGED = (
-    "gs",
-    "gspeed",
-    "ground",
-    "speed",
-    "vertical_rate",
-    "vspeed",
-    "baro_rate",
-    "track",
-    "course",
-    "heading",
-)
+_LOGGED = tuple("gs gspeed ground speed vertical_rate vspeed baro_rate track course heading".split())
 _LOGGED += ("kts", "knots", "tas", "ias", "squawk", "flight", "callsign")
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
 _EMPTY = ("", "nan", "null", "none", "ground")  # cells without a number
