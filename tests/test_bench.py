@@ -15,6 +15,7 @@ from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import curves, paired
 from radalt.bench.rows import COLUMNS, read_rows, row_of
+from radalt.bench.views.breaks import break_points
 from radalt.bench.views.cost import summaries, summary_table
 from radalt.bench.views.levels import levels
 from radalt.bench.views.null import false_altitudes
@@ -96,6 +97,7 @@ def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, pla
     ("page", "name", "view"),
     [
         ("methods", "standard", lambda rows, names: summary_table(summaries(rows, names))),
+        ("sweeps", "sweeps", break_points),
         ("error_vs_runtime", "runtime", lambda rows, names: summary_table(summaries(rows, names))),
         ("landing", "landing", lambda rows, names: summary_table(summaries(rows, names))),
         *(("detection", "detection", lambda rows, names, k=k: levels(rows, names[k])) for k in TEXTBOOK),

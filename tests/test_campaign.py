@@ -186,7 +186,7 @@ STRATA_FLOWN = (
 
 @pytest.mark.parametrize("name", STRATA_FLOWN)
 def test_flights_at_the_decimated_rate_have_the_statuses_and_levels_of_whole_frames(name):
-    """The same scatterers and noise at both rates; so it is over 150 blocks of each (`RADALT_BEATS_BLOCKS=150`)."""
+    """The same scatterers and noise at both rates; so it is over 1,000 blocks of each (`RADALT_BEATS_BLOCKS=1000`)."""
     case, rng = case_of(name), np.random.default_rng(75)
     flight, outputs = flight_of(case, BLOCKS * BLOCK, rng), ([], [])
     trackers = [AltitudeTracker(ALTIMETER, TRACKER) for _ in outputs]

@@ -178,12 +178,11 @@ def _break_points(rows):
 
 
 def _below_whitening(rows):
-    """Least and largest distance of the network's break-point under delayed QPSK at full overlap, over the sweeps."""
-    case = {"interferer": "qpsk_rectangular_delayed", "overlap": "1"}
+    """Least and largest distance of the network's break-point under QPSK as received, full overlap, over the sweeps."""
     gains_db = [
-        _break_point(rows, sweep=sweep, method="whitening", **case).sir_db
-        - _break_point(rows, sweep=sweep, method="tcae", **case).sir_db
-        for sweep in {r["sweep"] for r in rows}
+        _break_point(rows, case=case, overlap="1", entry="whitening").sir_db
+        - _break_point(rows, case=case, overlap="1", entry="tcae").sir_db
+        for case in {r["case"] for r in rows if r["case"].endswith("qpsk")}
     ]
     return [f"{end(gains_db):.1f}" for end in (min, max)]
 

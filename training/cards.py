@@ -205,18 +205,18 @@ def paper_rows() -> list[dict[str, Any]]:
     return out
 
 
-def other_sweeps(rows: list[dict[str, Any]]) -> str:
+def other_sweeps() -> str:
     """Altitudes declared without a return, at a sweep of 3 MHz in 2 ms."""
-    names, lines = list(dict.fromkeys(row["method"] for row in rows)), []
-    for what in ("noise alone", "interference alone"):
-        mine = {r["method"]: r for r in rows if (r["sweep"], r["interferer"]) == ("3M", what)}
-        counts = ((int(mine[name]["declared"]), int(mine[name]["trials"])) for name in names)
-        lines.append([what, *(f"{n} of {of} ({clopper_pearson_bound(n, of):.3f})" for n, of in counts)])
+    rows, lines = read_rows(stored_rows("sweeps")), []
+    for case, what in (("3M_noise", "noise alone"), ("3M_nr5_alone", "interference alone")):
+        mine = {row["entry"]: (row["detections"], row["trials"]) for row in rows if row["case"] == case}
+        lines.append(
+            [what, *(f"{n} of {of} ({clopper_pearson_bound(n, of):.3f})" for n, of in mine.values())]
+        )
     return (
-        "Point returns at SNR 10 dB, held-out seeds, measured with 0.3.0 (by command: `radalt bench sweeps`).\n"
-        "`docs/sweeps.md` has the break-points at six sweeps, and how often the altitude was wrong and valid.\n"
-        "Declared altitudes where there is no return, with their 95 % bound, at 3 MHz in 2 ms:\n\n"
-        f"{table(['frames', *names], lines)}"
+        "Point returns at SNR 10 dB, held-out seeds: `radalt bench sweeps` (rows in `bench/rows`).\n"
+        "Altitudes declared without a return, with their 95 % bound, at 3 MHz in 2 ms (more: `docs/sweeps.md`):\n\n"
+        f"{table(['frames', *mine], lines)}"
     )
 
 
@@ -294,7 +294,7 @@ def results_of(stem: str, data: Path) -> str:
     if stem == "tcae":
         return standard_results()
     if stem == "any_sweep":
-        return other_sweeps(published(data / "sweeps.csv"))
+        return other_sweeps()
     return paper_results(published(data / "paper_tables.csv") if stem == "cnn" else paper_rows(), stem)
 
 

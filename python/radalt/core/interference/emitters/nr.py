@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ...parsing import LARGEST, check_range
+from ...parsing import LARGEST, setting
 from ..evm import evm_title
 from ..nr_config import SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
 from ..nr_grid import resource_grid, transmitted
@@ -103,12 +103,8 @@ class NrEmitter(NamedEmitter, NrConfig):
     scene_name: ClassVar[str] = "nr"
     unit_power: ClassVar[bool] = True
 
-    carrier_hz: float = 0.0
+    carrier_hz: float = setting(0.0, -LARGEST, LARGEST)
     """Offset of the NR carrier's centre from the radar's centre frequency."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_range(self.scene_name, self, carrier_hz=(-LARGEST, LARGEST))
 
     @property
     def label(self) -> str:

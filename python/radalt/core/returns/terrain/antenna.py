@@ -6,24 +6,21 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from ...parsing import check_range, read_csv
+from ...parsing import Settings, read_csv, setting
 
 _MOST_BYTES = 16 << 20  # largest pattern file, bytes: a sphere in steps of half a degree
 
 
 @dataclass(frozen=True)
-class GaussianAntenna:
+class GaussianAntenna(Settings, where="antenna"):
     """Beam whose gain in decibels falls with the square of the angle: ``G = G0 - 12 (theta / beamwidth)^2`` dB."""
 
-    beamwidth_deg: float = 40.0
-    """Full width between the -3 dB points, 0.01..120. Rec. ITU-R M.2059 gives 40..60 degrees."""
-    gain_dbi: float = 10.0  # peak one-way gain
+    beamwidth_deg: float = setting(40.0, 0.01, 120.0)
+    """Full width between the -3 dB points. Rec. ITU-R M.2059 gives 40..60 degrees."""
+    gain_dbi: float = setting(10.0, -20.0, 40.0)  # peak one-way gain
     two_way: bool = False
     """False: the width is that of one antenna (one-way), so transmit and receive together are 3 dB down at
     ``beamwidth / (2 sqrt 2)`` off boresight. True: the width is that of both together."""
-
-    def __post_init__(self) -> None:
-        check_range("antenna", self, beamwidth_deg=(0.01, 120.0), gain_dbi=(-20.0, 40.0))
 
     @property
     def one_way_beamwidth_rad(self) -> float:

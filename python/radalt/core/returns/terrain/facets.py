@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...parsing import check_range
+from ...parsing import Settings, setting
 from .geodesy import SEMI_MAJOR_M, curvature_radii_m, enu_axes, geodetic_to_ecef
 from .terrain import TerrainError, TerrainModel
 from .trajectory import AircraftState
@@ -37,16 +37,13 @@ class Facets:
 
 
 @dataclass(frozen=True)
-class GroundGrid:
+class GroundGrid(Settings, where="ground"):
     """The earth-fixed cells."""
 
-    seed: int = 1  # seed of the scatterers' positions and amplitudes, 0 <= seed < 2^63
-    cells_per_radius: int = 16
+    seed: int = setting(1, 0, 2**63 - 1)  # seed of the scatterers' positions and amplitudes
+    cells_per_radius: int = setting(16, 4, 256)
     """Cell size is the power of two (metres) that puts between this many and twice as many cells into the radius of
     the footprint. The size steps with height, and with it the speckle is drawn anew at each octave."""
-
-    def __post_init__(self) -> None:
-        check_range("ground", self, seed=(0, 2**63 - 1), cells_per_radius=(4, 256))
 
     def facets(
         self, state: AircraftState, terrain: TerrainModel, off_nadir_rad: float, beam_rad: float | None = None
