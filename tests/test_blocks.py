@@ -161,7 +161,7 @@ def test_recording_source_is_the_same_in_any_chunks_at_its_sir(tmp_path):
     trial = scene.altitude.programme.is_trial(np.arange(22))
     assert not frames[~trial].any()
     np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames[trial]) ** 2, axis=1)), 13.0, atol=0.01)
-    with pytest.raises(ValueError, match="nothing.sigmf-meta: cannot be read .*make_recording.py"):
+    with pytest.raises(ValueError, match="nothing.sigmf-meta: cannot be read .*make-recording"):
         radalt.jammer_source(scene, {"recording": {"file": "nothing.sigmf-meta"}})
 
 

@@ -100,6 +100,7 @@ def numbers(path, kind, mean=0.0, rms=300.0):
         (lambda path: savemat(path, {"x": np.eye(9)}, format="4", appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: savemat(path, {"x": np.eye(9)}, appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: path.write_bytes(b"PAR1" + bytes(999)), "cf32_le", "another program's format"),
+        (lambda path: path.write_bytes(b"\x80\4\x95" + bytes(999)), "cf32_le", "another program's format"),
         (lambda path: numbers(path, "u1", 127.5, 20), "ci8", "not ci8; are they cu8"),
         (lambda path: numbers(path, "i1", 0, 20), "cu8", "not cu8; are they ci8"),
         (lambda path: path.write_bytes(bytes(80_000)), "cf32_le", "not finite, or zeros alone"),
@@ -111,15 +112,16 @@ def numbers(path, kind, mean=0.0, rms=300.0):
         (lambda path: numbers(path, "<f4"), "ci16_le", "not ci16_le; are they cf32_le"),
         (lambda path: numbers(path, "<f8"), "cf32_le", "not cf32_le; are they cf64_le"),
         (lambda path: numbers(path, "<i2"), "cf32_le", "not cf32_le; are they ci16_le"),
+        (lambda path: write(path.parent, np.ones(9), 5e6) and path.touch(), "", "air.sigmf-data; name"),
         (lambda path: numbers(path, "<i2"), "", "datatype is missing.* ci16_le"),
         (lambda path: numbers(path, "<i2"), "i16", "datatype is 'i16'"),
     ],
 )
 def test_what_is_no_samples_of_that_type_is_refused(tmp_path, make, datatype, said):
-    path = tmp_path / "it.bin"
+    path = tmp_path / "air.bin"
     make(path)
     with pytest.raises(ValueError, match=said) as caught:
-        emitter = RecordingEmitter(file=str(path), datatype=datatype, rate_hz=7.5e6)
+        emitter = RecordingEmitter(file=str(path), datatype=datatype, rate_hz=7.5e6 if datatype else None)
         emitter.samples(100, RATE_HZ, np.random.default_rng(6))
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
@@ -210,7 +212,7 @@ def test_what_has_no_prefix_has_no_estimate(emitter):
 def test_the_command_makes_what_the_scene_names(tmp_path, monkeypatch, root, capsys):
     monkeypatch.chdir(tmp_path)
     scene = load_scene("recorded")
-    with pytest.raises(ValueError, match="make_recording.py"):
+    with pytest.raises(ValueError, match="make-recording"):
         scene.interference[0].emitter.samples(7500, RATE_HZ, np.random.default_rng(14))
     assert make_recording.main([]) == 0
     assert capsys.readouterr().out.strip() == scene.interference[0].emitter.file

@@ -7,7 +7,7 @@ import pkgutil
 import numpy as np
 import pytest
 
-from radalt import core
+from radalt import core, method
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.altimeter.cfar import Cfar
 from radalt.core.channel.settings import ChannelSettings, DropSettings
@@ -102,6 +102,7 @@ REFUSED = [
     (lambda: sent(NrEmitter(load=0.0, pdcch_load=0.0, ssb_indices=())), "ssb_indices"),
     (lambda: sent(FmcwEmitter(carrier_hz=100e6, sweep_bandwidth_hz=10e6)), "never crosses"),
     (lambda: sent(FmcwEmitter(sweep_bandwidth_hz=2e9)), "64 times"),
+    (lambda: FmcwEmitter(sweep_period_s=143.0), "fmcw.sweep_period_s is 143; it has to be within 1e-09..1"),
     (lambda: PulsedRadarEmitter(pulse_width_s=1e-3, prf_hz=1e3), "pulse_width_s"),
     (lambda: PulsedRadarEmitter(rise_time_s=3e-6), "rise_time_s"),
     (lambda: PulsedRadarEmitter(rise_time_s=1e-308), "within 1e-12"),
@@ -116,6 +117,7 @@ REFUSED = [
     (lambda: nr(fading={"profile": "TDL-Z"}), "fading.profile 'TDL-Z' is unknown"),
     # mitigation
     (lambda: create("median", W), "unknown mitigation method 'median'; allowed: none, lms,"),
+    (lambda: method("none", "nr10"), "waveform is 'nr10'; give a Waveform"),
     (lambda: create("none", W, gain=3), "none.gain is unknown; allowed: nothing"),
     (lambda: create("whitening", W, smooth_hz=3), "is unknown; did you mean 'smoothing_hz'? allowed: smooth"),
     (lambda: create("whitening", W, smoothing_hz=-1.0), "smoothing_hz is -1.0; within"),

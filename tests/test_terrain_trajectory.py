@@ -18,7 +18,7 @@ def _state_vectors(tmp_path, rows):
 def track(names, cells, *, start=0, step=1, east=1e-3, rows=5):
     """A CSV file along 42 degrees north."""
     lines = [f"{start + step * k},42,{-88 + east * k},{cells.format(k=k)}" for k in range(rows)]
-    return "\n".join([f"time,lat,lon,{names}", *lines])
+    return "\n".join([f"time,lat (deg),lon,{names}", *lines])
 
 
 def test_shipped_approach_is_a_three_degree_path_with_flare(root):
@@ -113,7 +113,7 @@ def test_a_gap_is_named_unless_allowed(tmp_path):
         ("time,lat,lon\n0,1,2\n", "no column for altitude"),
         ("time,lat,lon,alt\n0,42,-88,500\n1,42,-88,x\n", "data row 2.*'x'"),
         ("time,lat,lon,alt\n0,42,-88,500\n", "1 usable points"),
-        ("time,lat,lon,alt\n0,42,-88,5\n1,42,-88,5\n1,42,-88,5\n2,42,-88,5\n", "time goes from 1 s to 1 s"),
+        ("time,lat,lon,alt\n0,42,-88,5\n1,42,-88,5\n1,42,-88,5\n2,42,-88,5\n", "s at point 3; leave one"),
         ("time,lat,lon,alt\n0,92,-88,5\n1,92,-88,5\n2,92,-88,5\n3,92,-88,5\n", "latitudes"),
         (
             track("alt,vertical_rate", "1000,1200"),
@@ -129,6 +129,8 @@ def test_a_gap_is_named_unless_allowed(tmp_path):
         (track("alt", "500").replace("time", "time_ms"), "no column for time; .*convert time_ms to time_s"),
         (track("altitude", "500", step=1 / 60), "so the times look like minutes or hours; give seconds"),
         (track("alt,Speed (kts)", "500,90"), "alt may be in feet or metres, as the file has speed_kts"),
+        (track("alt,heading", "500,90"), "alt may be in feet or metres, as the file has heading"),
+        (track("altitude_agl_m", "1"), "no column for altitude; found altitude_agl_m, lat_deg, lon, time$"),
         (track("alt_km", "1").replace(",", ";"), "no column for altitude; .*convert alt_km to altitude_m"),
         (track("altitude_m,Altitude [m]", "1,2"), "two columns are called 'altitude_m'; leave one"),
         (track("altitude_m,alt_ft", "1000,1400"), "row 1: altitude_m 1000 and alt_ft 1400 are two altitudes"),

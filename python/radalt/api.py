@@ -96,6 +96,8 @@ def method(name: MethodLike, waveform: Waveform, **options: Any) -> Mitigation:
     >>> radalt.method("whitening", radalt.Waveform()).name
     'whitening'
     """
+    if not isinstance(waveform, Waveform):
+        raise MitigationError(f"waveform is {shown(waveform)}; give a Waveform, such as a scene's waveform")
     with as_methods([name]) as (known,):
         return create(known, waveform, **options)
 

@@ -15,7 +15,7 @@ _CONTAINERS = {
     "HDF5": rb"\x89HDF",
     "a MATLAB file": rb"MATLAB|..\0\0.{8}[\0\x01]\0{3}[\x02-\x40]\0{3}[A-Za-z]\w*\0",
     "compressed": rb"\x1f\x8b|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd|fLaC",
-    "another program's format": rb"PAR1|BLUE|%PDF|\x89PNG|OggS|....ftyp",
+    "another program's format": rb"PAR1|BLUE|\x80[\4\5]\x95.{5}\0{3}|%PDF|\x89PNG|OggS|....ftyp",
     "text": rb"(\xef\xbb\xbf)?[\t\r\n -~]{64}|[\t\r\n -~]+\Z",
 }
 _REMEDY = "save the samples as .npy (give rate_hz), two-channel WAV, or raw (give rate_hz and datatype)"

@@ -98,6 +98,8 @@ def open_sigmf(path: Path | str) -> SigmfFile:
         head = content["global"]
         head["core:extensions"] = EXTENSIONS  # the others are ignored, and some programs write an object
         data = data or _beside(meta, head.get("core:dataset"))
+        if path.is_file() and path not in (meta, data.source):
+            raise InputError(f"{path}: {meta.name} is of {data.source}; name that, or give rate_hz")
         recording = sigmf.SigMFFile(metadata=content)
         notes, captures = recording.get_annotations(), recording.get_captures()
         with contextlib.suppress(AttributeError, KeyError, TypeError):  # validate() names what is wrong

@@ -98,7 +98,7 @@ class Mitigation(ABC):
         of `QUALITY_DTYPE` where the frames' is known already.
         """
         frames = np.asarray(frames, dtype=np.complex64)
-        if frames.shape[-1] != self.waveform.samples_per_frame or frames.ndim not in (1, 2):
+        if frames.ndim not in (1, 2) or frames.shape[-1] != self.waveform.samples_per_frame:
             raise MitigationError(
                 f"{self.name}: frames have shape {frames.shape}; expected (n, {self.waveform.samples_per_frame})"
             )

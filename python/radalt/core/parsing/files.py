@@ -59,7 +59,8 @@ def read_text(path: Path | str, *, most_bytes: int, what: str, remedy: str = "na
     try:
         return read_bytes(path, most_bytes=most_bytes, what=what, remedy=remedy).decode("utf-8")
     except UnicodeDecodeError:
-        raise InputError(f"{what} {_name(path)}: cannot be read (not text in UTF-8); {remedy}") from None
+        said = "cannot be read (not text in UTF-8); save it so, or"
+        raise InputError(f"{what} {_name(path)}: {said} {remedy}") from None
 
 
 def read_csv(path: Path | str, *, most_bytes: int, what: str) -> tuple[list[dict[str, str]], list[str]]:

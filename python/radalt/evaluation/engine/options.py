@@ -218,7 +218,8 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """One line, status 2."""
         strange = message.removeprefix("unrecognized arguments: ").split()[0].partition("=")[0]
-        near = did_you_mean(strange, self._option_string_actions) if strange.startswith("--") else ""
+        known = self._option_string_actions
+        near = did_you_mean(strange, known) if strange.startswith("--") and strange not in known else ""
         complain(self.program, f"{message}; {near}--help lists the options")
         sys.exit(2)
 

@@ -88,7 +88,7 @@ def break_point(
 def break_point_of(
     rows: Sequence[Mapping[str, Any]], sir: str = "sir_db", *, level: float = BREAK_PD
 ) -> BreakPoint:
-    """`break_point` of the rows of one curve, with their ``pd``, ``pd_low`` and ``pd_high``, over the column ``sir``."""
+    """`break_point` of the rows of one curve, with ``pd``, ``pd_low`` and ``pd_high``, over the column ``sir``."""
     return break_point(*([r[c] for r in rows] for c in (sir, "pd", "pd_low", "pd_high")), level=level)
 
 

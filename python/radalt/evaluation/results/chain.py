@@ -1,7 +1,6 @@
 """Processing chain of studies without a flowgraph: method and altimeter."""
 
 import dataclasses
-import time
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -9,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ...core.mitigation import Mitigation, create
-from ...core.altimeter.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
+from ...core.altimeter.altimeter import AltimeterSettings, Spectra, shared_altimeter
 from ...core.altimeter.frame_quality import FrameQuality
+from ...core.mitigation import Mitigation, create
 from ...core.waveform import Waveform
 
 _CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the second-level cache

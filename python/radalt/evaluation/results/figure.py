@@ -58,7 +58,7 @@ def say(axis: Any, x: Sequence[float], y: Sequence[float], texts: Sequence[str])
 def save_figure(figure: Any, path: Path) -> None:
     """Write PNG (``path``), PDF and SVG without dates, so that equal rows give equal bytes.
 
-    The canvases write directly: `savefig` draws every file twice, the first time for a layout that is computed once here.
+    The canvases write directly: `savefig` draws every file twice, first for a layout that is computed once here.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -69,15 +69,22 @@ def save_figure(figure: Any, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     axes = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
     # powers of ten are math text
-    powers = {label for axis in axes if axis.get_scale() == "log" for label in axis.get_ticklabels(which="both")}
+    powers = {
+        label for axis in axes if axis.get_scale() == "log" for label in axis.get_ticklabels(which="both")
+    }
     for text in set(figure.findobj(Text)) - powers:
         text.set_parse_math(False)  # names of files and methods may contain a dollar sign
     # TrueType fonts (42): publishers refuse Type 3
-    with writing(path), matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6, "pdf.fonttype": 42}):
+    with (
+        writing(path),
+        matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6, "pdf.fonttype": 42}),
+    ):
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
         for axis in axes:
-            ticks = axis._update_ticks()  # otherwise computed per format and label: a quarter of the drawing time
+            ticks = (
+                axis._update_ticks()
+            )  # otherwise computed per format and label: a quarter of the drawing time
             axis._update_ticks = lambda ticks=ticks: ticks
         # level 4 of zlib: half the time of the default, 2 % larger
         FigureCanvasAgg(figure).print_png(

@@ -111,9 +111,13 @@ def check_writable(option: str, path: Path) -> None:
     """Raise FolderError, one line, if a folder can be neither written into nor made; leaves nothing."""
     there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
     try:
-        tempfile.TemporaryDirectory(dir=there).cleanup()  # permissions say nothing of /proc and of the user root
+        tempfile.TemporaryDirectory(
+            dir=there
+        ).cleanup()  # permissions say nothing of /proc and of the user root
     except OSError as error:
-        raise FolderError(f"{option} {path} cannot be written ({error.strerror}); name another folder") from None
+        raise FolderError(
+            f"{option} {path} cannot be written ({error.strerror}); name another folder"
+        ) from None
 
 
 def _lock_alone(file: int) -> None:
@@ -153,7 +157,7 @@ def read_report(path: Path) -> dict[str, Any]:
     """
     if (path / _MARKER).is_file() and not (path / _REPORT).exists():
         raise FolderError(
-            f"{path}: no report: the run is not finished (repeat its command with --resume), or a replay, which has none"
+            f"{path}: no report: the run is not finished (repeat its command with --resume), or a replay and has none"
         )
     return _read_json(path / _REPORT, "name the folder of a finished run")
 
@@ -195,7 +199,9 @@ class RunFolder:
         self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         self.done: dict[str, list[dict[str, Any]]] = {}  # rows of the journal by point
-        self.rejected: list[str] = []  # lines that are cut, changed or of another run; their points are measured again
+        self.rejected: list[
+            str
+        ] = []  # lines that are cut, changed or of another run; their points are measured again
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
         if dry:

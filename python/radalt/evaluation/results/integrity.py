@@ -2,8 +2,8 @@
 
 An output is *computed* if its status is NORMAL. A computed one is *misleading* if its error exceeds its protection
 level, *hazardous* if the error exceeds the alert limit while the protection level is within it, so without a warning
-(terms of RTCA DO-229 for satellite navigation, and of the Stanford diagram). Rates have Clopper-Pearson intervals, whose
-upper bound is above zero for zero events as well.
+(terms of RTCA DO-229 for satellite navigation, and of the Stanford diagram). Rates have Clopper-Pearson intervals,
+whose upper bound is above zero for zero events as well.
 """
 
 from collections.abc import Mapping
@@ -81,7 +81,7 @@ class Integrity:
 
     @property
     def availability(self) -> float:
-        """Share of outputs that are computed and have a protection level within the alert limit; NaN without outputs."""
+        """Share of outputs computed with a protection level within the alert limit; NaN without outputs."""
         return (self.computed - self.unbounded) / self.outputs if self.outputs else float("nan")
 
     @property

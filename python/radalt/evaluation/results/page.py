@@ -38,7 +38,11 @@ def write_pages(folder: RunFolder, template: Path, values: Mapping[str, Any]) ->
 
 
 def write_result(
-    folder: RunFolder, template: Path, run: Mapping[str, Any], report: Mapping[str, Any], values: Mapping[str, Any]
+    folder: RunFolder,
+    template: Path,
+    run: Mapping[str, Any],
+    report: Mapping[str, Any],
+    values: Mapping[str, Any],
 ) -> Path:
     """Write ``report.md``, ``report.html`` and ``report.json``; returns the path of ``report.md``.
 

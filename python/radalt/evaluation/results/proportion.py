@@ -71,4 +71,3 @@ def paired_difference(ours: np.ndarray, theirs: np.ndarray) -> tuple[float, floa
     each = ours.astype(float) - theirs
     mean, half = each.mean(), float(ndtri(0.5 + 0.5 * _CONFIDENCE)) * each.std() / np.sqrt(each.size)
     return float(mean), float(mean - half), float(mean + half)
-

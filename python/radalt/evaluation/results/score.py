@@ -2,9 +2,10 @@
 
 A *trial* is a frame of the programme. It is *detected* if the altimeter declared an altitude, *correct* if the altitude
 is within 5 m of the truth, *wrong and valid* if it is declared and not correct. A trial without detection counts
-against Pd, never against the error of detections. *Pd, 5 m or 3 %* (``pd_3pct``) is by a second limit, the larger of 5 m
-and 3 % of the altitude: over spread ground a single frame's speckle alone moves the altitude by more than 5 m. The error of the forced decision is over all frames that have one; an
-empty frame (silent, not finite, diverged) has none, and ``forced`` is the number of the others.
+against Pd, never against the error of detections. *Pd, 5 m or 3 %* (``pd_3pct``) is by a second limit, the larger of
+5 m and 3 % of the altitude: over spread ground a single frame's speckle alone moves the altitude by more than 5 m. The
+error of the forced decision is over all frames that have one; an empty frame (silent, not finite, diverged) has none,
+and ``forced`` is the number of the others.
 
 *Peak-to-sidelobe ratio*: the main lobe of the range profile over the strongest cell outside it, in decibels, the mean
 over forced decisions. It is 0 dB for an error of 20 m or more, where the peak is not the return.
@@ -20,7 +21,9 @@ from ...core.programme import Programme
 from .proportion import clopper_pearson_bound, wilson_interval
 
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
-NEAR_SHARE = 0.03  # the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
+NEAR_SHARE = (
+    0.03  # the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
+)
 FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
 _FT_M = 0.3048  # international foot
 

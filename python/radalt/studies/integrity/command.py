@@ -1,7 +1,7 @@
 """Can the altitude be trusted: tracked outputs of every method over interference, faults and deception.
 
     .venv/bin/python flowgraphs/integrity.py  # one flight through each case: 1 s, or 2 min over land and points
-    .venv/bin/python flowgraphs/integrity.py --groups=land,point --methods=none --hours=20 --resume  # about 5 h of CPU
+    .venv/bin/python flowgraphs/integrity.py --groups=land,point --methods=none --hours=20 --resume  # about 7 h of CPU
     .venv/bin/python flowgraphs/integrity.py --replay jammed/nr5/1/-40dB/snr10:1:0  # one flight, output by output
 
 Exits with 1 if an output was hazardous inside the claim: in no case at a limit that docs/tracker.md states.

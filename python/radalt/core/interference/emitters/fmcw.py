@@ -43,7 +43,7 @@ class FmcwEmitter(NamedEmitter):
     """Centre of its sweep relative to the radar's centre."""
     sweep_bandwidth_hz: float = setting(150e6, 1e3, 5e9)
     """Swept bandwidth B; 150 MHz is the first altimeter of ITU-R M.2059 Table 2."""
-    sweep_period_s: float = setting(1.0 / 143.0, 1e-9, 1e5)
+    sweep_period_s: float = setting(1.0 / 143.0, 1e-9, 1.0)
     """Time of up and down sweep together."""
     up_fraction: float = setting(0.5, 0.0, 1.0)
     """Part of the period spent on the up sweep; 0.5 is a triangle, 1 and 0 are sawtooths."""

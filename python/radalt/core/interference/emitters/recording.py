@@ -20,7 +20,7 @@ _MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
 _MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
 _MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
 _RATES_HZ = (1e3, 1e9)  # sample rates that are read, Hz
-_REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
+_REMEDY = "name another file, or make one by radalt make-recording"
 # Smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB).
 _FOLDED = 1e-7
 
@@ -110,7 +110,7 @@ def _open(emitter: RecordingEmitter) -> SigmfFile | RawFile:
     path = Path(emitter.file)
     try:
         check_file(path, most_bytes=_MOST_BYTES, what="recording.file", remedy=_REMEDY)
-        bare = not (emitter.datatype or emitter.rate_hz)
+        bare = not (emitter.datatype or emitter.rate_hz or path.suffix.lower() == ".wav")
         if bare and (".sigmf" in path.name or path.with_suffix(".sigmf-meta").is_file()):
             return open_sigmf(path)
         if ".sigmf" in path.name and not path.name.endswith("-data"):

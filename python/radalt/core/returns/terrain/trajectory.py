@@ -17,8 +17,8 @@ _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 # column names in use (own files, OpenSky Network state vectors, common track exports), first match wins
 COLUMNS = {
     "time": ("time_s", "time", "timestamp"),
-    "latitude": ("latitude_deg", "latitude", "lat"),
-    "longitude": ("longitude_deg", "longitude", "lon", "long", "lng"),
+    "latitude": ("latitude_deg", "latitude", "lat_deg", "lat"),
+    "longitude": ("longitude_deg", "longitude", "lon_deg", "lon", "long", "lng"),
     "altitude": ("altitude_m", "altitude_ft", "alt_m", "alt_ft", "altitude", "alt"),
     "geo": ("geoaltitude", "geo_altitude", "alt_geom"),
     "baro": ("baroaltitude", "baro_altitude", "alt_baro"),
@@ -29,7 +29,8 @@ COLUMNS = {
 # (OpenSky's own state vectors, which have `velocity`, are metric)
 _UNITS = dict.fromkeys(("altitude_m", "alt_m"), "m")
 _UNITS |= dict.fromkeys(("altitude_ft", "alt_ft", "alt_baro", "alt_geom"), "ft")
-_LOGGED = tuple("gs gspeed ground speed vertical_rate vspeed baro_rate track course flight callsign".split())
+_LOGGED = tuple("gs gspeed ground speed vertical_rate vspeed baro_rate track course heading".split())
+_LOGGED += ("kts", "knots", "tas", "ias", "squawk", "flight", "callsign")
 _SLOW_M_PER_S = 25.0  # ground speed below which the path angle is no pitch: a rotorcraft rises level
 _EMPTY = ("", "nan", "null", "none", "ground")  # cells without a number
 _APART_M = 31.0  # largest difference of an altitude in metres and in feet, m: one is in hundreds of feet
@@ -116,7 +117,7 @@ class Trajectory:
             k = int(np.argmax(step <= 0))
             raise TrajectoryError(
                 f"{self.source}: time goes from {t[k]:g} s to {t[k + 1]:g} s at point {k + 2}; "
-                "sort the rows by time"
+                f"{'leave one of them out' if step[k] == 0 else 'sort the rows by time'}"
             )
         meridian, prime = curvature_radii_m(self.latitude_deg[1:])
         east = prime * np.cos(np.radians(self.latitude_deg[1:])) * np.radians(np.diff(self._longitude_deg))
@@ -196,7 +197,10 @@ class Trajectory:
         if missing:
             wanted = {min(COLUMNS[k], key=len): COLUMNS[k][0] for k in missing if k in COLUMNS}
             other = (
-                f"; convert {n} to {own}" for stem, own in wanted.items() for n in names if n.startswith(stem)
+                f"; convert {n} to {own}"
+                for stem, own in wanted.items()
+                for n in names
+                if n.startswith(stem) and "agl" not in n
             )
             raise TrajectoryError(
                 f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}{next(other, '')}"
