@@ -143,9 +143,7 @@ def test_a_models_card_says_what_the_published_rows_say(root):
 
 def test_the_papers_table_is_that_of_its_rows(root):
     """All three of the paper's networks find a clean altitude in nine frames of ten."""
-    line = re.search(
-        r"^\| Pd, no interference \|(.*)\|$", (root / "docs/tcae.md").read_text("utf-8"), re.MULTILINE
-    )
+    line = re.search(r"^\| Pd, no interference \|(.*)\|$", (root / "docs/tcae.md").read_text("utf-8"), re.M)
     clean = {r["method"]: r["pd"] for r in cards.paper_rows() if r["interferer"] == "clean clean"}
     names = ("none", "lms_reference_input", "fc", "cnn", "paper", "tcae")  # columns of the table
     assert [cell.strip() for cell in line[1].split("|")] == [f"{clean[name]:.2f}" for name in names]
