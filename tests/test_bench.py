@@ -109,6 +109,21 @@ def test_a_page_has_the_table_of_the_stored_rows(root, page, name, view):
     assert made in (root / f"docs/{page}.md").read_text("utf-8")
 
 
+def test_the_page_of_two_channels_gives_the_stored_rows(root):
+    rows, page = read_rows(stored_rows("two_channels")), (root / "docs/two-channels.md").read_text("utf-8")
+    pd = {(f"{r['case']} {r['overlap']:g} {r['entry']}", r["sir_db"]): r["pd"] for r in rows}
+    for label, curve in (("noise", "noise 1 none"), ("the same, 5 MHz 5G", "second_nr5 1 tcae")):
+        assert (
+            f"|{label}|{'|'.join(f'{pd[curve, level]:.3g}' for level in (-40.0, -50.0, -60.0, -70.0))}|\n"
+            in page
+        )
+    others = re.compile(r"echo|second|\w+_one")
+    right = [
+        p for (curve, level), p in pd.items() if level == -50 and "none" in curve and not others.match(curve)
+    ]
+    assert right == [1.0] * 11 and "1,100 of 1,100 altitudes are right" in page
+
+
 def test_stored_rows_can_be_measured_again():
     """Rows as stored, which notices a change of emitters, channel, receiver or method."""
     cases, rows = load_list("standard"), read_rows(stored_rows("standard"))
