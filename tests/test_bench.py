@@ -15,8 +15,9 @@ from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import curves, paired
 from radalt.bench.rows import COLUMNS, read_rows, row_of
+from radalt.bench.turns import TURN_COLUMNS
 from radalt.bench.views.breaks import break_points
-from radalt.bench.views.cost import summaries, summary_table
+from radalt.bench.views.cost import summaries, summary_table, turns_table
 from radalt.bench.views.levels import levels
 from radalt.bench.views.null import false_altitudes
 from radalt.core.mitigation import METHODS
@@ -36,6 +37,7 @@ import numpy as np
 def mitigate(frames, waveform):
     return np.clip(frames.real, -20, 20) + 1j * np.clip(frames.imag, -20, 20)
 """
+TURNS = read_rows(stored_rows("runtime").parent / "turns/runtime.csv", TURN_COLUMNS)
 LISTS = sorted(path.stem for path in find_list("standard").parent.glob("*.yaml"))
 
 
@@ -98,7 +100,8 @@ def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, pla
     [
         ("methods", "standard", lambda rows, names: summary_table(summaries(rows, names))),
         ("sweeps", "sweeps", break_points),
-        ("error_vs_runtime", "runtime", lambda rows, names: summary_table(summaries(rows, names))),
+        ("error_vs_runtime", "runtime", lambda rows, names: summary_table(summaries(rows, names, TURNS))),
+        ("error_vs_runtime", "runtime", lambda *_: turns_table(TURNS)),
         ("landing", "landing", lambda rows, names: summary_table(summaries(rows, names))),
         *(("detection", "detection", lambda rows, names, k=k: levels(rows, names[k])) for k in TEXTBOOK),
     ],

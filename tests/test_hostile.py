@@ -226,7 +226,7 @@ def test_hostile_line_of_every_other_command_gets_one_line(module, tmp_path, mon
 
 @pytest.mark.parametrize(
     "line",
-    ["cards --data nothing", "cards --models nothing", "cards --nonsense", "figures --out /dev/null/x"],
+    ["cards --models nothing", "cards --nonsense", "figures --out /dev/null/x"],
 )
 def test_hostile_line_of_a_tool_of_training_gets_one_line(line):
     name, *arguments = line.split()

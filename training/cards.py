@@ -1,6 +1,6 @@
-"""Write the model cards from the files' own metadata, the stored rows of the bench and published ones.
+"""Write the model cards from the files' own metadata and the stored rows of the bench.
 
-    PYTHONPATH=python .venv/bin/python training/cards.py          # after new rows in docs/data
+    PYTHONPATH=python .venv/bin/python training/cards.py          # after new rows in bench/rows
     PYTHONPATH=python .venv/bin/python training/cards.py --time   # times the networks, on an idle machine
 
 Without ``--time`` a card keeps its time.
@@ -8,7 +8,6 @@ Without ``--time`` a card keeps its time.
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import re
@@ -141,19 +140,6 @@ def metadata(path: Path) -> dict[str, str]:
     return dict(session.get_modelmeta().custom_metadata_map)
 
 
-def published(path: Path) -> list[dict[str, Any]]:
-    """Rows of a published CSV; what is no number stays text, an empty field is None."""
-
-    def value(text: str) -> Any:
-        try:
-            return float(text) if text else None
-        except ValueError:
-            return text
-
-    with path.open(newline="") as file:
-        return [{key: value(text) for key, text in row.items()} for row in csv.DictReader(file)]
-
-
 def standard_results() -> str:
     """Break-points at full overlap and wrong altitudes of the default network, from the stored rows."""
     lines = []
@@ -188,7 +174,7 @@ def paper_results(rows: list[dict[str, Any]], method: str) -> str:
         cells = [f"{r['pd']:.2f} / {metres(r['rmse_forced_m'])}" for r in (none, mine)]
         lines.append([label, *cells, f"{mine['detections'] - mine['correct']:g} of {mine['trials']:g}"])
     head = ["interference", "none: Pd / RMSE forced / m", "this", "wrong and valid"]
-    measured = "measured with 0.3.0" if method == "cnn" else "`radalt bench paper`, rows in `bench/rows`"
+    measured = "`radalt bench paper`, rows in `bench/rows`"
     return f"Point returns at SNR 10 dB, ideal emitters; {measured}.\n\n{table(head, lines)}"
 
 
@@ -289,13 +275,13 @@ altitude has consequences.
 """
 
 
-def results_of(stem: str, data: Path) -> str:
-    """Results of a card from stored rows and the published ones in ``data``."""
+def results_of(stem: str) -> str:
+    """Results of a card from stored rows."""
     if stem == "tcae":
         return standard_results()
     if stem == "any_sweep":
         return other_sweeps()
-    return paper_results(published(data / "paper_tables.csv") if stem == "cnn" else paper_rows(), stem)
+    return paper_results(paper_rows(), stem)
 
 
 @options.command("cards")
@@ -303,7 +289,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write the cards; returns 0, or 2 after one line about an error."""
     parser = options.Parser("cards", __doc__)
     add = parser.add_argument
-    add("--data", type=options.path, default=ROOT / "docs" / "data", help="folder of the published rows")
     add("--models", type=options.path, default=ROOT / "models", help="folder of the networks and their cards")
     add("--time", action="store_true", help="time the networks")
     args = parser.parse_args(argv)
@@ -314,7 +299,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         model, page = args.models / f"{stem}.onnx", args.models / f"{stem}.md"
         anew = args.time or not page.is_file()
         time_ms = f"{milliseconds(model):.2f}" if anew else time_of(page.read_text(encoding="utf-8"))
-        text = card(stem, args.models, results_of(stem, args.data), time_ms)
+        text = card(stem, args.models, results_of(stem), time_ms)
         page.write_text(text, encoding="utf-8")
         print(page)
     return 0
