@@ -239,25 +239,15 @@ def test_status_names_who_measures_nothing():
         )
 
     clock = iter((10.0, 12.0))
-    counters = {
-        "state": "locked",
-        "locked": True,
-        "timing_verified": True,
-        "lost_samples": 7,
-        "dropped_slow": 0,
-    }
+    counters = dict(state="locked", locked=True, timing_verified=True, lost_samples=7, dropped_slow=0)
     segmenter = SimpleNamespace(status=lambda: counters, segmenter=SimpleNamespace(sample_counter=0))
-    top = SimpleNamespace(
-        frame_segmenter=segmenter,
+    inputs = dict(method="whitening", tx_enable=2, altitude_m=300.0, sir_db=-30.0, overlap=1.0)
+    altimeters = dict(
         altimeter_none=altimeter(np.arange(1000) < 50, 300.0),
         altimeter_tcae=altimeter(True, np.where(np.arange(1000) < 100, 900.0, 301.0)),
         altimeter_selected=altimeter(True, 300.0),
-        method="whitening",
-        tx_enable=2,
-        altitude_m=300.0,
-        sir_db=-30.0,
-        overlap=1.0,
     )
+    top = SimpleNamespace(frame_segmenter=segmenter, **altimeters, **inputs)
     status = StatusLine(top, load_scene("paper_qpsk"), clock=lambda: next(clock))
     assert "speed -" in status.text()
     segmenter.segmenter.sample_counter = 7_500_000
