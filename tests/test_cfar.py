@@ -74,7 +74,7 @@ WIDE = Waveform(bandwidth_hz=150e6, sweep_s=0.1e-3, rate_hz=150e6)  # cells of 1
 
 
 @pytest.mark.parametrize(
-    ("waveform", "top_m", "count"), [(W, 1500.0, 2000), (WIDE, 2500.0, 800)], ids=["7.5 MHz", "150 MHz"]
+    ("waveform", "top_m", "count"), [(W, 1500.0, 2000), (WIDE, 2500.0, 1500)], ids=["7.5 MHz", "150 MHz"]
 )
 def test_a_frame_of_noise_has_an_altitude_as_rarely_whatever_the_sweep(waveform, top_m, count):
     """The default's 0.0155 per frame, over 75 cells of 20 m and over 2,500 of 1 m."""

@@ -75,7 +75,7 @@ def main() -> int:
     parser.add_argument("results", type=Path, nargs="+", help="folders of runs of the list two_channels")
     folders = parser.parse_args().results
     rows = [row for folder in folders for row in read_rows(folder / "rows.csv")]
-    figure = new_figure(12.5, 3.8)
+    figure = new_figure(12.5, 4.1)
     left, right, last = figure.subplots(1, 3)
     for case, label, colour, line, marker in CURVES:
         own = [r for r in rows if r["case"] == case and r["overlap"] == 1.0]
@@ -90,7 +90,7 @@ def main() -> int:
     left.set(xlabel="SIR / dB", ylabel="Pd (error < 5 m)", ylim=(-0.02, 1.04))
     left.set_title("One direction: 5G and noise alike", fontsize=10)
     left.invert_xaxis()
-    left.legend(fontsize=8, loc="center right")
+    left.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
     for taps, style in ((1, "k:"), (9, "k--"), (17, "k-")):
         reach = {"reach_s": (taps // 2 + 0.1) / 7.5e6}
         depths = [cancelled({"directions": {"delay_s": ns * 1e-9}}, reach)[0] for ns in DELAYS_NS]

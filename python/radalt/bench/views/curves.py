@@ -38,7 +38,8 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path) -> None
         axis.grid(alpha=0.3)
     for axis in axes.flat[len(shown) :]:
         axis.set_axis_off()
-    figure.supxlabel("level / dB")
+    jammed = all(r["sir_db"] is not None for where in shown for curve in found[where].values() for r in curve)
+    figure.supxlabel("SIR / dB" if jammed else "SIR, or SNR without interference / dB", fontsize=10)
     axes[0, 0].set_ylabel("Pd")
     lines = {
         name: line for axis in axes.flat for line, name in zip(*axis.get_legend_handles_labels(), strict=True)

@@ -41,7 +41,8 @@ class Chain:
         """A network, with further ``options`` of the method `tcae`."""
         precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
         options = (("model", str(model)), *options)
-        return cls(label or f"tcae {model.stem}", "tcae", options, precision, settings or AltimeterSettings())
+        label = label or ("tcae" if model.stem == "tcae" else f"tcae {model.stem}")
+        return cls(label, "tcae", options, precision, settings or AltimeterSettings())
 
     def build(self, waveform: Waveform) -> Mitigation:
         """A new method; raises `MitigationError` if it does not fit the waveform."""

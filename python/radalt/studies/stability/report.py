@@ -191,7 +191,7 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
                 axis.barh(y, share / max(count, 1), left=left, color=colour, height=0.8)
                 left += share / max(count, 1)
             axis.text(0.5, y, f"{found[0]} of {count}", ha="center", va="center", fontsize=8)
-        axis.set_title(textwrap.fill(_GROUPS[group], 13), fontsize=9)
+        axis.set_title(textwrap.fill(_GROUPS[group], 15), fontsize=9)
         axis.set_xticks([])
         axis.set_yticks(range(len(chains)), chains, fontsize=9)
         axis.tick_params(length=0)
