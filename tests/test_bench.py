@@ -263,8 +263,9 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(
             check_rows([row | wrong for row in mine], theirs)
     assert ended(command.main, *words, "--stored", "--against", stored, "--out", tmp_path / "d") == (0, "")
     assert (tmp_path / "d" / "rows.csv").read_bytes() == stored.read_bytes()
-    status, said = ended(command.main, *words, *own, "--frames", "9", "--out", tmp_path / "c")
-    assert status == 2 and "rows of another list, or of other --frames" in said
+    for more in ((*own, "--frames", "9"), ("--plan", "--frames", "9", "--against", stored)):
+        status, said = ended(command.main, *words, *more, "--out", tmp_path / "c")
+        assert status == 2 and "rows of another list, or of other --frames" in said
 
 
 @pytest.mark.parametrize("emitter", [{"nr": {"evm": "typical", "free_running": True}}, {"qpsk": {}}])

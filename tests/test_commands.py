@@ -280,7 +280,7 @@ def test_a_command_that_is_nearly_one_is_named(capsys):
 @pytest.mark.parametrize(("called", "name"), [("radalt eval", "radalt eval"), ("ota_eval.py", "ota_eval")])
 def test_an_option_that_is_nearly_one_is_named(capsys, monkeypatch, called, name):
     monkeypatch.setattr(sys, "argv", [called])
-    with pytest.raises(SystemExit):
-        ota_eval.main(["--sim", "--ovrlap=1"])
-    said = f"{name}: .* --ovrlap=1; did you mean '--overlap'. --help lists the options"
-    assert re.match(said, capsys.readouterr().err)
+    for wrong, near in (("--ovrlap=1", "did you mean '--overlap'. "), ("--stored", "")):
+        with pytest.raises(SystemExit):
+            ota_eval.main(["--sim", wrong])
+        assert re.match(f"{name}: .* {wrong}; {near}--help lists the options", capsys.readouterr().err)

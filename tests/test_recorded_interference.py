@@ -109,6 +109,7 @@ def numbers(path, kind, mean=0.0, rms=300.0):
         (lambda path: np.savetxt(path, np.ones((99, 2)), delimiter=","), "cf32_le", "text"),
         (lambda path: wavfile.write(path, 48_000, np.ones(99, "<i2")), "cf32_le", r"int16 of shape \(99,\)"),
         (lambda path: np.save(path.open("wb"), np.ones((2, 99))), "cf32_le", r"shape \(2, 99\)"),
+        (lambda path: np.save(path.open("wb"), np.ones((99, 2))), "ci8", "states the type; leave"),
         (lambda path: numbers(path, "<f4"), "ci16_le", "not ci16_le; are they cf32_le"),
         (lambda path: numbers(path, "<f8"), "cf32_le", "not cf32_le; are they cf64_le"),
         (lambda path: numbers(path, "<i2"), "cf32_le", "not cf32_le; are they ci16_le"),

@@ -29,7 +29,7 @@ from .core.parsing import convert, did_you_mean, shown
 from .core.paths import scene_names
 from .core.scene import Scene, SceneError, load_scene, parse_scene, scene_from_parameters
 from .core.usual_errors import usual_errors
-from .core.waveform import Waveform
+from .core.waveform import Waveform, checked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,10 +96,8 @@ def method(name: MethodLike, waveform: Waveform, **options: Any) -> Mitigation:
     >>> radalt.method("whitening", radalt.Waveform()).name
     'whitening'
     """
-    if not isinstance(waveform, Waveform):
-        raise MitigationError(f"waveform is {shown(waveform)}; give a Waveform, such as a scene's waveform")
     with as_methods([name]) as (known,):
-        return create(known, waveform, **options)
+        return create(known, checked(waveform), **options)
 
 
 @stops_in_one_line()
@@ -268,7 +266,7 @@ def evaluate(
         At Ctrl-C, one line: how many points are kept. (While ``radalt.evaluate`` itself is imported, a traceback.)
     """
     from .evaluation.engine.command import Bar
-    from .evaluation.engine.options import Options
+    from .evaluation.engine.options import MAX_JOBS, Options
     from .evaluation.engine.run import head_of, in_memory, run
     from .evaluation.overlap.points import changed
     from .evaluation.overlap.report import build_report
@@ -281,6 +279,8 @@ def evaluate(
     axes = _numbers(tuple[float, ...], overlap=overlap, sir_db=sir_db, snr_db=snr_db, altitude_m=altitude_m)
     flown = axes.pop("altitude_m")
     frames, seed, jobs = _numbers(int, frames=frames, seed=seed, jobs=jobs).values()
+    if not (jobs and 1 <= jobs <= MAX_JOBS):
+        raise SceneError(f"jobs is {jobs}; it has to be within 1..{MAX_JOBS}")
     if not isinstance(out, (str, Path, NoneType)):
         raise FolderError(f"out is {shown(out)}; name a folder")
     if resume and out is None:

@@ -62,14 +62,14 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     if own and set(own) & set(listed):
         parser.error(f"{min(set(own) & set(listed))!r} is an entry of the list; give yours another name")
     names = [name.strip() for name in args.entries.split(",") if name.strip()]
-    if args.stored and (own or args.confirm):
-        parser.error("--stored measures nothing; leave it out, or your own methods and --confirm")
-    if args.stored or (own and not args.confirm):  # before anything is measured
+    if args.stored and (own or args.confirm or args.via != "direct"):
+        parser.error("--stored measures nothing; leave it out, or your own methods, --confirm and --via")
+    if args.against or args.stored or (own and not args.confirm):  # before anything is measured
         args.against = args.against or stored_rows(cases.name)
         rows = read_rows(args.against)
         if {row["digest"] for row in rows} != {cases.digest}:
             parser.error(
-                f"{args.against}: rows of another list, or of other --frames; run the methods on this one first"
+                f"{args.against}: rows of another list, or of other --frames or seeds; run the methods on it first"
             )
         names = names or [row["entry"] for row in rows if args.stored]
     names = names or (["none", *own] if own or not listed else list(listed))
@@ -79,7 +79,15 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
     unknown = [name for name in names if name not in known]
     if unknown:
         parser.error(f"--methods names {unknown[0]!r}; {allowed(unknown[0], known)}")
+    args.own = tuple(own)
+    entries = tuple(
+        listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items()))
+        for name in dict.fromkeys(names)
+    )
+    stored = args.against if args.stored else None
+    study = BenchStudy(find_list(args.list), entries, args.frames, only, salt, args.via, stored)
     if args.plan:
+        study.check()
         for case in cases.cases:
             levels = case.levels_db
             span = "no interference"
@@ -91,14 +99,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> Study | int:
             print(
                 f"{case.name:20} overlap {case.overlap:<4g} {span}, {case.trials} frames each: {case.title}"
             )
-        return 0
-    args.own = tuple(own)
-    entries = tuple(
-        listed.get(name) or Entry(name, name, tuple(own.get(name, {}).items()))
-        for name in dict.fromkeys(names)
-    )
-    stored = args.against if args.stored else None
-    return BenchStudy(find_list(args.list), entries, args.frames, only, salt, args.via, stored)
+    return 0 if args.plan else study
 
 
 # Shipped methods that a confirmation runs again: each leads under some interferer (docs/methods.md)

@@ -86,6 +86,8 @@ def open_raw(path: Path, datatype: str = "", rate_hz: float | None = None) -> Ra
             raise ValueError(f"{rails.dtype} of shape {rails.shape}; complex (n,) or real (n, 2) is read")
     except (ValueError, OSError, EOFError, struct.error) as error:
         raise InputError(f"{path}: not read: {' '.join(str(error).split())[:200]}; {_REMEDY}") from None
+    if datatype and first.startswith((b"\x93NUMPY", b"RIFF", b"RIFX", b"RF64")):
+        raise InputError(f"{path}: its header states the type; leave recording.datatype out")
     if rate_hz is None:
         raise InputError(f"{path}: no rate is stated; give recording.rate_hz, in samples per second")
     return RawFile(rails, rate_hz)

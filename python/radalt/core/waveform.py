@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.constants import speed_of_light as C_M_PER_S
 
-from .parsing import Settings, setting
+from .parsing import InputError, Settings, setting, shown
 
 __all__ = [
     "C_M_PER_S",
@@ -257,3 +257,10 @@ class Waveform(Settings, where="waveform"):
         v = np.minimum(u, self.sweep_s - u)
         shift = -self.slope_hz_per_s * delay_s * v
         return exp_cycles(self.phase_cycles(u) + shift - np.mod(self.carrier_hz * delay_s, 1.0))
+
+
+def checked(waveform: Waveform) -> Waveform:
+    """The argument; raises InputError, one line, for anything else than a waveform, such as a scene's name."""
+    if not isinstance(waveform, Waveform):
+        raise InputError(f"waveform is {shown(waveform)}; give a Waveform, such as a scene's waveform")
+    return waveform

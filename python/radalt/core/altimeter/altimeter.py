@@ -11,7 +11,7 @@ import numpy as np
 from scipy import fft, special
 
 from ..usual_errors import usual_errors
-from ..waveform import Waveform, delay_to_altitude_m
+from ..waveform import Waveform, checked, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, SPEED_M_PER_S, AltimeterSettings, Reason
 from .beat_spectra import SHAPE_POINTS, BeatSpectra, Spectra
 from .cfar import Cfar, Significance
@@ -43,7 +43,7 @@ class Altimeter(BeatSpectra):
     """
 
     def __init__(self, waveform: Waveform, settings: AltimeterSettings = AltimeterSettings()) -> None:  # noqa: B008
-        settings = settings.resolved(waveform)
+        settings = settings.resolved(checked(waveform))
         limit_m = waveform.max_unambiguous_altitude_m
         if settings.max_altitude_m > limit_m:
             raise ValueError(

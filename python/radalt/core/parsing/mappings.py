@@ -104,7 +104,7 @@ def convert(hint: Any, value: Any, where: str) -> Any:
     if origin is tuple:
         inner = typing.get_args(hint)[0]
         one = isinstance(value, dict) and dataclasses.is_dataclass(inner)
-        if one or isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
+        if one or isinstance(value, (str, bytes)) or not np.iterable(value):
             value = [value]
         if isinstance(value, dict):
             raise ValueError(f"{where} is {shown(value)}; expected a list")

@@ -34,7 +34,7 @@ def _near(name: Any, known: Iterable[str]) -> list[str]:
     """Known names that may have been meant, the nearest first."""
     known, text = list(known), shown(name).strip("'")
     lower = {k.lower(): k for k in known}
-    close = [lower[k] for k in difflib.get_close_matches(text.lower(), lower, max(1, len(known)))]
+    close = [lower[k] for k in difflib.get_close_matches(text.lower(), lower, max(1, len(known)), 0.61)]
     return list(dict.fromkeys([*close, *(k for k in known if len(text) > 2 and text in k)]))
 
 

@@ -35,4 +35,6 @@ class Settings:
             if isinstance(field.default, bool) and value not in (True, False):
                 raise ValueError(f"{self.section}.{field.name} is {value!r}; expected true or false")
             if field.metadata.get("limits"):
+                if value is None and "None" not in str(field.type):
+                    raise ValueError(f"{self.section}.{field.name} is None; expected a number")
                 check_range(self.section, self, **{field.name: field.metadata["limits"]})

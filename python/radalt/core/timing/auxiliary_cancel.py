@@ -10,7 +10,7 @@ from scipy import fft
 
 from ..altimeter.altimeter_settings import FASTEST_M_PER_S
 from ..parsing import Settings, setting
-from ..waveform import Waveform
+from ..waveform import Waveform, checked
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
 _LOADING = 1e-7  # diagonal loading over the second channel's mean power: below every converter's noise
@@ -77,7 +77,7 @@ class AuxiliaryCancel:
     def __init__(
         self, waveform: Waveform, settings: CancelSettings | None = None, *, max_altitude_m: float = 1500.0
     ) -> None:
-        self.waveform, self.settings = waveform, settings or CancelSettings()
+        self.waveform, self.settings = checked(waveform), settings or CancelSettings()
         n = self._n = waveform.samples_per_frame
         self._reach = round(self.settings.reach_s * waveform.rate_hz)
         self._pieces = max(p for p in range(1, self.settings.pieces + 1) if n % p == 0)
@@ -166,7 +166,7 @@ class AuxiliaryCancel:
 
     def _measure(self, line: np.ndarray, noise: float, floor: float, auxiliary_floor: float) -> None:
         """Isolation from a return's line in both channels; ``noise`` is that next to it in the second."""
-        found = 10.0 * np.log10(line[0] / (line[1] + _UNSEEN * noise + np.finfo(np.float32).tiny))
+        found = 10.0 * np.log10(line[0] / np.clip(line[1] + _UNSEEN * noise, 1e-38, 1e38))  # finite
         known = self.isolation_db
         if line[1] > _VISIBLE * noise:
             self.isolation_db = found if known is None else min(found, known + _RAISED_DB)

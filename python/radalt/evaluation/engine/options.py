@@ -219,7 +219,8 @@ class Parser(argparse.ArgumentParser):
         """One line, status 2."""
         strange = message.removeprefix("unrecognized arguments: ").split()[0].partition("=")[0]
         known = self._option_string_actions
-        near = did_you_mean(strange, known) if strange.startswith("--") and strange not in known else ""
+        near = did_you_mean(strange[2:], [name.lstrip("-") for name in known]).replace("'", "'--", 1)
+        near = near if strange.startswith("--") and strange not in known else ""
         complain(self.program, f"{message}; {near}--help lists the options")
         sys.exit(2)
 

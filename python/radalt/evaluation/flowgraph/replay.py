@@ -17,7 +17,7 @@ from ..overlap.points import changed, sweep_points
 from ..overlap.rows import COLUMNS
 from ..overlap.study import check_methods, rows_of
 from ..results.figure import new_figure, own_style, save_figure
-from ..results.folder import RunFolder
+from ..results.folder import FolderError, RunFolder
 from ..results.style import series_style
 from ..simulation import PointResult
 from .generate import Prepared, generate, shipped
@@ -52,7 +52,10 @@ def score_recording(
         )
     placed = changed(placed, methods=methods, own=own)
     check_methods(placed)
-    folder = RunFolder(out, {"study": "replay", "recording": str(path), "methods": placed.methods})
+    if (out / "frames.csv").exists():
+        raise FolderError(f"{out} holds a run already; name another --out")
+    head = {"study": "replay", "recording": str(path), "methods": placed.methods}
+    folder = RunFolder(out, head, replace=True)  # one that failed is begun anew
     prepared = prepare_replay(placed.methods, out / "flowgraph")
     result = run_replay(prepared, placed, path, known=known, reference_m=reference_m or 0.0)
     if not any(frames.size for frames in result.results.values()):

@@ -113,7 +113,7 @@ class Approach:
 def load_approach(path: str | Path) -> tuple[Approach, TabulatedAntenna]:
     """An approach and its pattern; InputError, one line, with the file."""
     try:
-        found = build(Approach, load_yaml(Path(path), what="approach"), "")
+        found = build(Approach, load_yaml(Path(path), what="approach"), "approach")
         return found, TabulatedAntenna.load(Path(path).parent / found.pattern)
     except InputError:
         raise

@@ -101,17 +101,16 @@ class Trajectory:
         t = np.asarray(self.time_s, dtype=float)
         if t.size < 4:
             raise TrajectoryError(f"{self.source}: {t.size} usable points; a trajectory needs at least 4")
-        for name in ("time_s", "latitude_deg", "longitude_deg", "altitude_m"):
+        limits = {"time_s": np.inf, "latitude_deg": 89.0, "longitude_deg": 360.0, "altitude_m": 1e5}
+        for name, most in limits.items():
             values = np.asarray(getattr(self, name), dtype=float)
             if values.shape != t.shape or not np.isfinite(values).all():
                 raise TrajectoryError(
                     f"{self.source}: {name} has to hold {t.size} finite numbers, one per point"
                 )
+            if np.abs(values).max() > most:
+                raise TrajectoryError(f"{self.source}: {name} has to be within +/-{most:g}")
             object.__setattr__(self, name, values)
-        if np.any(np.abs(self.latitude_deg) > 89.0) or np.any(np.abs(self.longitude_deg) > 360.0):
-            raise TrajectoryError(
-                f"{self.source}: latitudes have to be within +/-89 deg, longitudes within +/-360 deg"
-            )
         step = np.diff(t)
         if np.any(step <= 0):
             k = int(np.argmax(step <= 0))
