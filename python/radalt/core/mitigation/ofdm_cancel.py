@@ -38,8 +38,9 @@ class OfdmCancel(Mitigation):
 
     What is used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the
     constellations. No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that
-    a symbol is a whole number of samples. No frame costs more than some 600 FFTs of 7,500 points. The algorithm
-    stands in the modules of ``ofdm/``; `ofdm.iterative_receiver` has the walk of a frame.
+    a symbol is a whole number of samples. Steps are left out that, by an estimate, could exceed 590
+    FFTs of 7,500 points; CPU time has reached 900 (docs/cancellation.md). The algorithm is in the modules of ``ofdm/``;
+    `ofdm.iterative_receiver` has the walk of a frame.
 
     What `Hybrid` uses: ``cancel(frame, search=...)``, ``tracking`` and ``outcome``. Nothing else of this class is
     meant for other methods.
