@@ -227,7 +227,7 @@ def _cases(
             else seed_of(data.get("seed", 1), name, overlap)
         )
         mapping = _merged(data.get("base", {}), own) | {"name": f"{name}_{overlap:g}", "seed": seed}
-        mapping["altitude"] = _altitude(mapping, frames, seed)
+        mapping["altitude"] = _altitude(mapping, frames, seed, where)
         scene = parse_scene(mapping, source=where)
         limit = limit_m or max(5.0, scene.waveform.range_resolution_m / 4)
         case = Case(name, title, overlap, scene.at(overlap=overlap), grid, limit)
@@ -239,13 +239,13 @@ def _cases(
     return out
 
 
-def _altitude(mapping: dict[str, Any], frames: int | None, seed: int) -> dict[str, Any]:
+def _altitude(mapping: dict[str, Any], frames: int | None, seed: int, where: str) -> dict[str, Any]:
     """Altitudes of a case: drawn, or along its landing."""
-    altitude = dict(mapping.get("altitude", {}))
+    altitude = dict(convert(dict, mapping.get("altitude", {}), f"{where}: altitude"))
     if "landing" in mapping:
         altitude.pop("drawn", None)
         return altitude | {"frames": 1} | ({} if frames is None else {"landing_frames": frames})
-    drawn = dict(altitude.get("drawn", {})) | {"seed": seed}
+    drawn = convert(dict, altitude.get("drawn", {}), f"{where}: altitude.drawn") | {"seed": seed}
     return altitude | {"drawn": drawn | ({} if frames is None else {"frames": frames})}
 
 
