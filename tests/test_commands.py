@@ -280,7 +280,7 @@ def test_a_command_that_is_nearly_one_is_named(capsys):
 @pytest.mark.parametrize(("called", "name"), [("radalt eval", "radalt eval"), ("ota_eval.py", "ota_eval")])
 def test_an_option_that_is_nearly_one_is_named(capsys, monkeypatch, called, name):
     monkeypatch.setattr(sys, "argv", [called])
-    for wrong, near in (("--ovrlap=1", "did you mean '--overlap'. "), ("--stored", "")):
+    for wrong, near in (("--ovrlap=1", "did you mean '--overlap'. "), ("--cases", "")):
         with pytest.raises(SystemExit):
             ota_eval.main(["--sim", wrong])
         assert re.match(f"{name}: .* {wrong}; {near}--help lists the options", capsys.readouterr().err)
