@@ -20,6 +20,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from radalt.evaluation.engine.options import Parser, command, complain, number, path
 
@@ -150,9 +151,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from radalt.evaluation.flowgraph.live import SIZE, StatusLine
 
-    StatusLine._speed = lambda _: "simulated"  # nothing is dropped: how fast says nothing about the view
+    # nothing is dropped: how fast the signal is simulated says nothing about the view
+    speed = mock.patch.object(StatusLine, "_speed", lambda _: "simulated")
     app = Qt.QApplication(sys.argv[:1])
-    with tempfile.TemporaryDirectory() as folder:
+    with speed, tempfile.TemporaryDirectory() as folder:
         top = _build(args, Path(folder))
         top.resize(*SIZE)  # the offscreen screen is small
         top.show()
