@@ -276,17 +276,6 @@ def _what_guarding_costs(rows):
             _what_guarding_costs,
         ),
     ],
-    ids=[
-        "networks",
-        "detection",
-        "cancellation",
-        "sweeps",
-        "leaving_out",
-        "stability",
-        "tolerance",
-        "landing",
-        "availability",
-    ],
 )
 def test_the_first_number_of_a_page_is_that_of_its_table(root, pages, pattern, table, value):
     stored = root / f"bench/rows/{table}.csv"
