@@ -9,8 +9,12 @@ from radalt.core.altimeter.frame_quality import FrameQuality
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import Mitigation, create
 from radalt.core.returns.point import point_return
+from radalt.core.scene import parse_scene
 from radalt.core.tracker.tracker import AltitudeTracker, Status
 from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.generate import prepare
+from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.simulation import run_chain
 
 W = Waveform()
 ALTIMETER = Altimeter(W)
@@ -175,3 +179,14 @@ def test_a_line_beyond_the_span_has_the_energy_by_which_a_cleaned_frame_is_searc
         there = BeyondSpan(W, 1500.0).ratio(frames) >= least
         given = ALTIMETER.beyond(ALTIMETER.spectra(frames), np.arange(200), least)
         assert 20 < there.sum() < 180 and (given[there] >= least).all()
+
+
+def test_a_received_frame_is_examined_once_however_many_methods_there_are(monkeypatch, tmp_path):
+    """Directly, and in a flowgraph; altimeters do not examine it again."""
+    scene = parse_scene({"altitude": {"programme_m": [300.0], "frames": 20}, "channel": {"snr_db": 20.0}})
+    examined, real, methods = [], BeyondSpan.ratio, ("none", "whitening", "blanking", "lms")
+    monkeypatch.setattr(BeyondSpan, "ratio", lambda self, f: examined.append(len(f)) or real(self, f))
+    for run in (run_chain, lambda scene, methods: run_point(prepare(scene, methods, tmp_path), scene)):
+        examined.clear()
+        results = run(scene, methods).results
+        assert {len(results[name]) for name in methods} == {sum(examined)} and sum(examined) >= 20

@@ -94,10 +94,7 @@ def test_a_frame_of_noise_has_an_altitude_as_rarely_whatever_the_sweep(waveform,
 
 @pytest.mark.parametrize(("share", "speed"), [(0.1, 150.0), (0.27, 20.0), (0.27, 150.0), (0.6, 150.0)])
 def test_bursts_cause_no_more_false_alarms_than_white_noise_and_not_many_fewer(share, speed):
-    """Noise in part of the half sweep makes cells that are correlated: a mean of 32 of them is worth few.
-
-    They are fewer trials, and pairs of them fewer still: with the threshold of white noise a twentieth is declared.
-    """
+    """Noise in part of the half sweep correlates cells: with the threshold of white noise a twentieth is declared."""
     altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, max_vertical_speed_m_per_s=speed, **LAW))
     rng = np.random.default_rng(6)
     valid = np.concatenate(
@@ -108,10 +105,7 @@ def test_bursts_cause_no_more_false_alarms_than_white_noise_and_not_many_fewer(s
 
 @pytest.mark.parametrize("width_hz", [80e3, 120e3])
 def test_noise_passed_by_a_filter_causes_no_more_false_alarms(width_hz):
-    """A network that passes part of the beat band leaves noise 20 dB above the rest there: every peak of it stands out.
-
-    The network's filterbank has cells of 83 kHz. Against the mean of the band alone more than half would be declared.
-    """
+    """A network passes part of the band, in cells of 83 kHz: against the band's mean half would be declared."""
     altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, **LAW))
     rng = np.random.default_rng(7)
     gain = 0.1 + 0.9 * np.exp(-((np.abs(BEAT_HZ) - 70e3) ** 2) / (2 * (width_hz / 2.35) ** 2))
@@ -120,11 +114,7 @@ def test_noise_passed_by_a_filter_causes_no_more_false_alarms(width_hz):
 
 
 def test_noise_in_pieces_within_the_span_causes_no_more_false_alarms():
-    """A network that knows the span leaves little beyond it, and of a mixture pieces from all over the sweep.
-
-    Its cells are as many trials as in white noise, and the mean of the band is below the level within the span: with
-    both neglected, twice as many as in white noise were declared.
-    """
+    """A network leaves little beyond the span: neglecting that, twice as many as in white noise are declared."""
     altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, **LAW))
     rng = np.random.default_rng(10)
     pieces = np.isin(np.arange(W.samples_per_frame) % 3750 // 150, (2, 6, 11, 15, 21))

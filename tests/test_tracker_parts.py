@@ -167,11 +167,7 @@ def test_a_young_track_moves_from_a_lobe_to_the_pair_that_its_blocks_show_with_m
 
 @pytest.mark.parametrize(("altitudes", "moves"), [(2, True), (5, False)])
 def test_a_young_track_does_not_move_to_a_pair_whose_doppler_its_altitudes_contradict(altitudes, moves):
-    """Fifty metres per second, and five level altitudes. Two say nothing of a speed.
-
-    Below 5 MHz NR at -60 dB such a pair was given as the altitude in two of 1,300 outputs at 20 to 80 m: its
-    Doppler left no speed open that anything else could have, so nothing had to be ruled out.
-    """
+    """Fifty metres per second, and five level altitudes. Two say nothing of a speed."""
     parts = parts_of()
     track = started(parts, 150, 150, 37)
     found = replace(track.latest, altitude_variance_m2=9.0)
