@@ -84,9 +84,8 @@ class JammerStream:
         n = self.waveform.samples_per_frame
         frame = np.empty(n, dtype=np.complex64) if out is None else out
         silent = self._is_silent(index)
-        if silent and not (
-            self._shift and not self._is_silent(index + 1)
-        ):  # the next frame begins in this window
+        # the next frame begins in this window
+        if silent and not (self._shift and not self._is_silent(index + 1)):
             frame[:] = 0
         else:
             for running in self._running.values():

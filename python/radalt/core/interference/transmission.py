@@ -96,9 +96,8 @@ class Transmission(InFrames):
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`; the next call is for the next frame."""
         first = self._next_first()
-        if (
-            count < self.frame_samples and self._signal is not None
-        ):  # a burst takes its own time, not that of blocks
+        # a burst takes its own time, not that of blocks
+        if count < self.frame_samples and self._signal is not None:
             return self._begun(first, count)
         return self.at(first, count, rate_hz, rng)
 

@@ -190,9 +190,8 @@ class Measurer(WorkerPlugin):
         self.address, self.refused = worker.address, ""
         self.folder = Path(worker.local_directory) / "radalt"
         os.environ |= {PLUGINS: self.plugins, "GR_CONF_LOG_LOG_LEVEL": "warn"}
-        multiprocessing.current_process().daemon = (
-            False  # a nanny's daemon could have no processes of its own
-        )
+        # a nanny's daemon could have no processes of its own
+        multiprocessing.current_process().daemon = False
         self.processes = processes(worker.state.nthreads)
         try:
             await asyncio.to_thread(self._prepare)

@@ -111,9 +111,8 @@ def check_writable(option: str, path: Path) -> None:
     """Raise FolderError, one line, if a folder can be neither written into nor made; leaves nothing."""
     there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
     try:
-        tempfile.TemporaryDirectory(
-            dir=there
-        ).cleanup()  # permissions say nothing of /proc and of the user root
+        # permissions say nothing of /proc and of the user root
+        tempfile.TemporaryDirectory(dir=there).cleanup()
     except OSError as error:
         raise FolderError(
             f"{option} {path} cannot be written ({error.strerror}); name another folder"
@@ -199,9 +198,8 @@ class RunFolder:
         self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         self.done: dict[str, list[dict[str, Any]]] = {}  # rows of the journal by point
-        self.rejected: list[
-            str
-        ] = []  # lines that are cut, changed or of another run; their points are measured again
+        # lines that are cut, changed or of another run; their points are measured again
+        self.rejected: list[str] = []
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
         if dry:

@@ -21,9 +21,8 @@ from ...core.programme import Programme
 from .proportion import clopper_pearson_bound, wilson_interval
 
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
-NEAR_SHARE = (
-    0.03  # the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
-)
+# the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
+NEAR_SHARE = 0.03
 FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
 _FT_M = 0.3048  # international foot
 

@@ -12,9 +12,8 @@ from ...paths import extra
 from .geodesy import curvature_radii_m
 
 VOID_M = -32767  # elevation that marks a post without data (MIL-PRF-89020B, 3.11.2)
-_DEEPEST_M = (
-    -12000
-)  # below it a post is a negative in two's complement, which some producers write for sign and size
+# below it a post is a negative in two's complement, which some producers write for sign and size
+_DEEPEST_M = -12000
 _MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
 
 
