@@ -81,11 +81,9 @@ class InFrames:
 class Transmission(InFrames):
     """A transmitter that goes on from frame to frame: emitter protocol.
 
-    Its samples depend on the draw at its first call and on their numbers only, whatever was asked for before.
-    Symbols, carrier phase, timing and fading run on while it is gated off.
-
-    ``emitter``, ``frame_samples``: see `InFrames`; ``steady``: constant gain: the SIR holds in the long run, before
-    fading. Otherwise every frame is scaled to the SIR.
+    Its samples depend on the draw at its first call and on their numbers only, whatever was asked for before. Symbols,
+    carrier phase, timing and fading run on while it is gated off. With ``steady`` the gain is constant and the SIR
+    holds in the long run, before fading; otherwise every frame is scaled to the SIR.
     """
 
     def __init__(self, emitter: object, frame_samples: int, *, steady: bool = False) -> None:

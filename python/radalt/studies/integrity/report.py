@@ -117,10 +117,7 @@ def write_report(
 
 
 def _claim(rows: Sequence[Row]) -> dict[str, Any]:
-    """Numbers of outputs and flights, of hazardous ones, and the 95 % bounds of both rates.
-
-    Outputs of a flight are not independent, hence the second; a flight counts once for all methods.
-    """
+    """Outputs and flights, hazardous ones of each, 95 % bounds; outputs of a flight are not independent."""
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
     flights = {(r["case"], r["batch"]) for r in rows}
     wrong = {(r["case"], r["batch"]) for r in rows if r["hazardous"]}

@@ -65,11 +65,10 @@ class DtedCell:
 
     @classmethod
     def load(cls, path: Path | str, *, void: str = "error") -> "DtedCell":
-        """Read a DTED file of level 0, 1 or 2 through the `dted` library.
+        """Read a DTED file of level 0, 1 or 2 through the `dted` library; ``void``: ``"error"`` or ``"fill"``.
 
-        ``path``: the file; ``void``: ``"error"`` keeps voids, and a query that needs one raises; ``"fill"`` fills
-        each with the value of the nearest post that has data. Raises `TerrainError` if the file is missing, damaged
-        (header, length or checksum), or holds nothing but voids.
+        A query that needs a void raises, unless voids are filled from the nearest post that has data. Raises
+        `TerrainError` if the file is missing, damaged (header, length or checksum), or holds nothing but voids.
         """
         dted = extra("dted")
 
