@@ -4,13 +4,13 @@ import csv
 import dataclasses
 import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pages import assert_whole
 from scipy import stats
 
-from radalt.bench.rows import read_rows
 from radalt.core.altimeter.altimeter import shared_altimeter
 from radalt.core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
@@ -33,6 +33,7 @@ from radalt.studies.integrity.study import (
     judge_long,
 )
 
+FLOWN = Path(__file__).parents[1] / "docs/data/integrity_flights.csv"
 SMALL = IntegrityStudy(methods=("none", "whitening"), frames=480)
 
 
@@ -156,8 +157,10 @@ def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, m
 def test_a_campaign_goes_on_to_more_hours(tmp_path, capsys, measured_here, undrawn):
     noise = ["--methods=none", "--groups=noise", "--frames=400", "--jobs=1", f"--out={tmp_path / 'out'}"]
     assert program.main(noise) == 0
-    assert program.main([*noise, "--resume", "--hours=0.0008"]) == 0
+    assert program.main([*noise, "--resume", "--hours=0.0008", f"--pool={FLOWN}"]) == 0
     assert "going on: 4 of 8" in capsys.readouterr().out
+    # its rates per hour are of these flights, too
+    assert len(ROWS.read(tmp_path / "out/flights.csv", "")) == len(ROWS.read(FLOWN, "")) + 8
 
 
 # -- long flights ------------------------------------------------------------------------------------------------------
@@ -212,8 +215,7 @@ def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
 
 
 def test_the_page_has_the_rates_of_the_stored_flights(root):
-    rows = read_rows(root / "docs/data/integrity_flights.csv", ROWS)
-    assert _hours_table(rows) in (root / "docs/integrity.md").read_text("utf-8")
+    assert _hours_table(ROWS.read(FLOWN, "")) in (root / "docs/integrity.md").read_text("utf-8")
 
 
 def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs():
