@@ -103,7 +103,6 @@ def write_report(
     report = {"headline": _headline(rows, by_case, default), "hazardous": len(events), "events": events}
     values = {
         "flight_s": study.frames * WAVEFORM.sweep_s,
-        "long_s": study.frames * LONGER * WAVEFORM.sweep_s,
         "hours": _hours_of([r for r in flown if r["kind"] in LONG]),
         "hours_table": _hours_table(flown),
         "hours_behind": {
@@ -131,6 +130,7 @@ def _claim(rows: Sequence[Row]) -> dict[str, Any]:
     wrong = {(r["case"], r["batch"]) for r in rows if r["hazardous"]}
     return {
         "outputs": total.outputs,
+        "silent": total.outputs - total.computed,
         "hazardous": total.hazardous,
         "bound": total.bound("hazardous"),
         "flights": len(flights),
