@@ -13,7 +13,7 @@ from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.page import write_result
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
-from .cases import ATTITUDES, BLOCK, KINDS, LONG, LONGER, STRATA, WAVEFORM, case_of, stratum_of
+from .cases import ATTITUDES, BLOCK, KINDS, LONG, STRATA, WAVEFORM, case_of, stratum_of
 from .columns import BY_KIND, EVENTS, FRAMES, POOLED, ROWS
 from .study import IntegrityStudy
 
