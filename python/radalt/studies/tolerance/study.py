@@ -218,11 +218,10 @@ def altered(profile: Profile, mechanisms: str) -> Profile:
     return replace(profile, **off)
 
 
-_TEXT = ("profile", "mechanisms", "interferer", "method", "ground", "first")
 _BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
 COLUMNS = Columns(
     (
-        *_TEXT[:5],
+        *("profile", "mechanisms", "interferer", "method", "ground"),
         "altitude_ft",
         "seed",
         "outputs",
@@ -233,8 +232,6 @@ COLUMNS = Columns(
         "first",
     )
     + (*_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"),
-    text=frozenset(_TEXT),
-    whole=frozenset({"seed", "outputs", "levels"}),
 )
 
 
