@@ -2,7 +2,6 @@
 
 import ast
 import dataclasses
-import functools
 import json
 import re
 import sys
@@ -220,12 +219,6 @@ def test_ctrl_c_is_one_line_that_says_what_is_kept(tmp_path, monkeypatch, capsys
 
 def stop():
     raise KeyboardInterrupt
-
-
-def lambda_named(name):
-    function = functools.partial(halves)
-    function.__name__ = name
-    return function
 
 
 def short(frames, waveform):
