@@ -22,7 +22,15 @@ from radalt.studies.integrity.flights import fly, rng_of
 from radalt.studies.integrity.frames import _bent, white_noise
 from radalt.studies.integrity.long_flights import flight_of, frames_of
 from radalt.studies.integrity.received import received
-from radalt.studies.integrity.report import _claim, _hours_of, _hours_table, _weighted, summarise
+from radalt.studies.integrity.report import (
+    _attitude_table,
+    _claim,
+    _hours_of,
+    _hours_table,
+    _weighted,
+    pooled,
+    summarise,
+)
 from radalt.studies.integrity.study import (
     TRACKER,
     IntegrityPoint,
@@ -214,8 +222,11 @@ def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
     assert (row["outputs"], row["misleading"], row["hazardous"]) == (30, 0, 0)
 
 
-def test_the_page_has_the_rates_of_the_stored_flights(root):
-    assert _hours_table(ROWS.read(FLOWN, "")) in (root / "docs/integrity.md").read_text("utf-8")
+def test_the_pages_have_the_rates_of_the_stored_flights(root):
+    rows = ROWS.read(FLOWN, "")
+    assert _hours_table(rows) in (root / "docs/integrity.md").read_text("utf-8")
+    land = pooled([r for r in rows if r["kind"] == "land"], lambda r: (r["case"], r["method"]))
+    assert _attitude_table(land) in (root / "docs/tracker.md").read_text("utf-8")
 
 
 def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs():
