@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from frames import returns, white
+from frames import white
 
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
@@ -19,7 +19,9 @@ CLASSICAL = [name for name, method in METHODS.items() if not method.runs_network
 def scene(count: int, interferer: Interferer | None, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """(count, N) received frames and their altitudes, the SNR being 10 dB before dechirping."""
     rng = np.random.default_rng(seed)
-    altitudes, frames = returns(rng, count)
+    altitudes = rng.uniform(3, 1500, count)
+    frames = point_return(W, altitudes, dtype=np.complex128)
+    frames += np.sqrt(0.05) * (rng.standard_normal(frames.shape) + 1j * rng.standard_normal(frames.shape))
     if interferer is not None:
         frames += interference_frames([interferer], count, 7500, 7.5e6, rng)
     return frames.astype(np.complex64), altitudes
