@@ -1,7 +1,6 @@
 """A sweep over a Dask cluster on this machine: the same rows as in one process, whatever happens to a worker."""
 
 import dataclasses
-import hashlib
 import json
 import os
 import signal
@@ -159,28 +158,6 @@ def test_another_version_on_a_worker_is_refused_in_one_line(dask, tmp_path, monk
     line = str(caught.value)
     assert line.startswith("worker tcp://") and f"has {name} {real[name]}, and this program has 0.0.7" in line
     assert "\n" not in line
-
-
-def test_a_file_that_arrives_damaged_is_refused(tmp_path):
-    path = tmp_path / "model.onnx"
-    path.write_bytes(b"network")
-    measurer = cluster.Measurer(WithFile(path=path))
-    measurer.folder = tmp_path / "cache"
-    (kept,) = measurer._files().values()
-    assert kept.read_bytes() == b"network" and kept.parent.name == hashlib.sha256(b"network").hexdigest()
-    kept.write_bytes(b"netwerk")
-    with pytest.raises(WorkerError, match=r"got model\.onnx damaged: its SHA-256 is not "):
-        measurer._files()
-
-
-@dataclass(frozen=True)
-class WithFile(Coins):
-    """Coins whose measurement reads a file."""
-
-    path: Path = Path()
-
-    def files(self):
-        return {"model": self.path}
 
 
 def test_what_cannot_be_reached_is_one_line_and_leaves_no_folder(dask, tmp_path, monkeypatch):

@@ -181,7 +181,6 @@ def test_the_remaining_time_is_known_when_frames_have_been_timed(
     ("arguments", "expected"),
     [
         (["--jobs", "100000"], "--jobs: it is '100000'; it has to be a whole number within 1..256"),
-        (["--jobs", "0"], "--jobs: it is '0'"),
         (["--time-limit-s", "-1"], "--time-limit-s: it is '-1'"),
         (["--out", ""], "it is empty"),
         (["--resume"], "--resume needs --out"),

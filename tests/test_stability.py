@@ -60,14 +60,6 @@ def test_a_speed_beyond_dopplers_reach_is_invalid_with_a_reason(speed):
     assert result["reason"] == Reason.SWEEPS_DISAGREE
 
 
-def test_nlms_as_shipped_keeps_the_altitude_and_forgets_the_last_one():
-    altitudes = np.array([1100.0, 100.0, 1100.0])
-    result = Altimeter(W).process(
-        create("nlms", W).process(W.reference * 0 + np.stack([W.beat_shifted(a) for a in altitudes]))
-    )
-    np.testing.assert_allclose(result["altitude_m"], altitudes, atol=2.0)
-
-
 def test_shipped_network_keeps_altitudes_without_noise_and_makes_nothing_of_nothing():
     """Above an SNR of 50 dB it lost three altitudes of four, and made up one in six, before it was given a dither."""
     altitudes = np.linspace(30.0, 1400.0, 12)

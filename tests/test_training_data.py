@@ -54,12 +54,6 @@ def test_interference_has_its_sir_over_the_whole_frame(kind, sir_db):
         assert -10 * np.log10(extra) == pytest.approx(sir_db, abs=0.02)
 
 
-def test_extended_return_keeps_unit_power():
-    config = replace(data.CONFIGS["paper"], multipath=0.0, extended=1.0)
-    _, clean, _ = data.example(config, W, 2, 0)
-    assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.0, rel=1e-5)
-
-
 def test_every_epoch_holds_every_example_once_in_its_own_order(tmp_path):
     config = replace(data.CONFIGS["paper"], size=8, validation=2)
     epochs = [batch[0] for batch in itertools.islice(data.batches(config, W, 8), 2)]
