@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..results.figure import new_figure, save_figure, say
+from ..results.figure import COLUMN_IN, new_figure, save_figure, say
 from ..results.pareto import draw_pareto
 from ..results.score import CORRECT_LIMIT_M, pool
 from ..results.style import series_style
 from .altitudes import ERRORS_M, groups
 from .panels import Row, common, panels, series_of, spread
 
-_WIDTH = 3.5  # width of a panel, inches: the column of a two-column page
+_WIDTH_IN = {1: COLUMN_IN, 2: 7.3, 3: 9.3}  # by panels in a row; two are as wide as a page of print
 _MOST_PANELS = (
     6  # of altitudes and of errors: two rows; altitudes.csv has all SIRs, and each panel takes 0.3 s
 )
@@ -253,12 +253,10 @@ def _plot(
 
 
 def _grid(count: int, against: str, *, shown: bool, many: bool) -> tuple[Any, list[Any]]:
-    """A figure with ``count`` panels, two in a row, of many cases three: as wide as a column of print holds."""
+    """A figure with ``count`` panels, two in a row, of many cases three; one alone is legible at 400 px."""
     columns = min(count, 3 if many else 2)
     lines = -(-count // columns)
-    figure = new_figure(
-        min(max(_WIDTH * columns, 5.0), 9.0) + 0.3, (2.3 if many else 2.9) * lines + 1.5, dpi=200, shown=shown
-    )
+    figure = new_figure(_WIDTH_IN[columns], (2.3 if many else 2.9) * lines + 1.5, dpi=200, shown=shown)
     axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
     for axis in axes[count:]:
         axis.set_visible(False)
