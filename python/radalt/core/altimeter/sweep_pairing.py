@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..spectral_line import running_maxima
 from .altimeter_settings import Reason
 from .cfar import Cfar, Significance, repeated
 
@@ -313,13 +314,3 @@ class PairSearch:
 def _within(index: np.ndarray, count: int) -> np.ndarray:
     """Indices kept within 0..count - 1, in a third of the time of `numpy.clip`."""
     return np.minimum(np.maximum(index, 0), count - 1)
-
-
-def running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
-    """(n, m) -> (n, m - width + 1) maxima of ``width`` neighbours, from maxima of 1, 2, 4, ... of them."""
-    have = 1
-    while have < width:
-        step = min(have, width - have)
-        rows = np.maximum(rows[:, :-step], rows[:, step:])
-        have += step
-    return rows
