@@ -94,11 +94,6 @@ def test_gain_scales_return_interference_and_noise_alike():
     np.testing.assert_allclose(louder, out * 10**0.3, atol=1e-5)
 
 
-def test_both_transmitters_add():
-    x, j = band_limited(FRAMES * N), band_limited(FRAMES * N, 2)
-    np.testing.assert_allclose(play(PLAIN, x, j), play(PLAIN, x) + play(PLAIN, None, j), atol=1e-6)
-
-
 # -- the jammer's own radio -------------------------------------------------------------------------------------------
 
 
@@ -209,12 +204,6 @@ def test_impairment_that_is_off_is_not_there_bit_for_bit(off):
     assert play(replace(settings, **off), x, j).tobytes() == play(settings, x, j).tobytes()
 
 
-def test_silent_jammer_is_no_jammer_bit_for_bit():
-    x = band_limited(FRAMES * N)
-    settings = ChannelSettings(snr_db=10.0, dc_offset=0.1, adc_bits=12, jammer_lo_offset_hz=500.0)
-    assert play(settings, x, np.zeros(FRAMES * N)).tobytes() == play(settings, x).tobytes()
-
-
 def test_same_seed_same_stream_and_another_seed_another():
     settings = ChannelSettings(snr_db=10.0, jammer_clock_ppm=3.0, drops=DropSettings(2, 10, 20))
     x = band_limited(40 * N)
@@ -298,10 +287,6 @@ def test_gaps_are_all_there_and_what_is_left_is_untouched():
     np.testing.assert_array_equal(got, kept)
 
 
-def test_gaps_of_one_length_have_it():
-    assert [length for _, length in made(drops=DropSettings(3, 70, 70)).gaps] == [70, 70, 70]
-
-
 # -- frames per call --------------------------------------------------------------------------------------------------
 
 PROGRAMME = Programme((500.0, 100.0), frames_per_step=3)
@@ -380,7 +365,3 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
         again = received(frames_per_call, True)
         np.testing.assert_array_equal(again[0], counters)
         assert again[1].tobytes() == samples.tobytes()
-
-
-def made(**settings):
-    return SimulatedChannel(W, ChannelSettings(**settings), frames=60)

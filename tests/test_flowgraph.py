@@ -126,11 +126,6 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
     assert full == simulated
 
 
-def test_unknown_method_is_named(b210):
-    with pytest.raises(FlowgraphError, match="unknown method 'magic'; known: .*whitening"):
-        prune(b210, ["magic"], jammer=True)
-
-
 def imported(file: Path, name: str):
     """The generated module; importing it proves what validity does not."""
     spec = importlib.util.spec_from_file_location(f"generated_{name}", file)
@@ -261,8 +256,7 @@ def trial_errors(result, scene, method: str = "none") -> np.ndarray:
     return rows["altitude_m"] - programme.altitude_m(rows["frame_index"])
 
 
-@pytest.mark.parametrize("mode", ["synthetic", "true_delay"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("mode", "seed"), [("synthetic", 1), ("true_delay", 2)])
 def test_altitude_is_right_from_three_metres_to_fifteen_hundred(clear, mode, seed):
     """Issue 2: no interference, 20 dB SNR, unknown start offset with its fraction: RMSE below 0.5 m."""
     altitude = {"programme_m": np.geomspace(1500, 3, 10).tolist(), "frames": 5, "mode": mode}
@@ -305,32 +299,6 @@ def test_jammer_chain_at_overlap_zero_is_bit_identical_to_none(clear, jammed):
     without = run_point(clear, dataclasses.replace(scene, interference=()), time_limit_s=120)
     assert len(without.results["none"]) >= 58
     assert with_chain.results["none"].tobytes() == without.results["none"].tobytes()
-
-
-def test_methods_see_the_same_frames(jammed):
-    scene = scene_of(interference={"qpsk": {"sir_db": -10.0}}, seed=8)
-    result = run_point(jammed, scene, time_limit_s=120)
-    indices = [result.results[m]["frame_index"].tolist() for m in jammed.methods]
-    assert indices[0] == indices[1] == indices[2]
-    assert {m: len(v) for m, v in result.ms_per_frame.items()} == {
-        "none": 0,
-        "whitening": len(indices[0]),
-        "lms": len(indices[0]),
-    }
-    assert result.real_time_factor > 0
-    assert result.status["lms"]["diverged_frames"] == 0
-
-
-def test_interference_breaks_none_and_whitening_holds(jammed):
-    """Shaped QPSK 40 dB above the return, through GNU Radio."""
-    interference = {"qpsk": {"sir_db": -40.0, "pulse": "rrc"}}
-    scene = scene_of(interference=interference, channel={"snr_db": 10.0}, seed=9)
-    result = run_point(jammed, scene, time_limit_s=120)
-    pd = {
-        m: np.mean(np.abs(np.nan_to_num(trial_errors(result, scene, m), nan=1e9)) < 5) for m in jammed.methods
-    }
-    assert pd["whitening"] >= 0.9 and pd["none"] < 0.5
-    assert result.status["lms"]["diverged_frames"] > 0
 
 
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):

@@ -34,7 +34,7 @@ from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import load_class
 from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.radios.hardware import calibrate, run_hardware
-from radalt.evaluation.radios.settings import describe, plan
+from radalt.evaluation.radios.settings import describe
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -159,14 +159,6 @@ def test_two_receive_channels_are_one_source_set_up_alike_but_for_their_gains(ai
     assert frames["valid"][frames["frame_index"] < 20].sum() >= 18
 
 
-def test_one_b210_without_jammer(air):
-    fly(air, a_scene(jammer=False, clock_source="internal"))
-    assert {call[0] for call in air.calls} == {"radar Sink", "radar Source"}
-    assert [c for c in air.calls if c[1] == "set_time_now"] == [
-        ("radar Source", "set_time_now", ("time", 0.0))
-    ]
-
-
 def test_calibrated_latency_is_stored_by_radio_clock_and_rate_and_subtracted(air, monkeypatch):
     scene = a_scene(jammer=False, clock_source="internal")
     options = {"transmit": True, "log": lambda line: None, "sleep": air.sleep}
@@ -206,22 +198,6 @@ def test_a_radio_without_an_lo_sensor_is_used_and_said_to_have_none(air):
     result = fly(air, a_scene(jammer=False), log=lines.append)
     assert result.results["none"]["valid"].sum() >= 12
     assert sum("lo_locked" in line and "no such sensor" in line for line in lines) == 2
-
-
-@pytest.mark.parametrize(("clock_hz", "warned"), [(22.5e6, True), (30e6, False), (7.5e6, False)])
-def test_check_warns_of_an_odd_divider(clock_hz, warned):
-    lines, allowed = describe(a_scene(jammer=False, master_clock_hz=clock_hz, lo_offset_hz=0.0))
-    assert allowed
-    assert any("odd number" in line for line in lines) == warned
-
-
-@pytest.mark.parametrize(("rate_hz", "warned"), [(30.72e6, False), (40e6, True)])
-def test_check_says_what_usb_carries(rate_hz, warned):
-    wide = {"waveform": {"rate_hz": rate_hz, "bandwidth_hz": rate_hz}}
-    radio = RADIO | {"master_clock_hz": rate_hz, "lo_offset_hz": 0.0}
-    lines, _ = describe(parse_scene(wide | {"radio": radio}))
-    said = "40 MS/s both ways are 320 MB/s; USB 3 carries some 246 MB/s, 30.72 MS/s both ways"
-    assert any(said in line for line in lines) == warned
 
 
 @pytest.mark.parametrize("name", ["my_bench", "my_box"])
@@ -307,28 +283,6 @@ def test_drive_keeps_the_sir_whatever_the_gains(gain):
     assert levels.radar_dbm - levels.jammer_dbm == pytest.approx(-10.0, abs=0.3)
     assert levels.radar_full_scale >= 1 / 0.7
     assert levels.jammer_full_scale >= np.sqrt(10) / np.sqrt(2) / 0.7
-
-
-def test_the_plan_needs_no_radio_and_says_what_the_interlock_says():
-    lines, allowed = describe(a_scene())
-    assert allowed
-    assert sum("set_center_freq((4300000000.0, 6000000.0), 0)" in line for line in lines) == 3
-    lines, allowed = describe(a_scene(enclosure="none"))
-    assert not allowed
-    assert "transmit refused" in lines[-1]
-    assert "jammer_usrp_sink" not in {step.block for step in plan(a_scene(jammer=False))}
-
-
-def test_an_entry_that_names_no_radio_is_used_for_none(tmp_path):
-    path = tmp_path / "calibration.yaml"
-    path.write_text("latency_samples: {30000000/7500000: 150.0}\n")
-    with pytest.raises(CalibrationError, match=r"names no radio; .*'B210/R/30000000/7500000'"):
-        load_latency_samples(KEY, path)
-    assert load_latency_samples(dataclasses.replace(KEY, rate_hz=3.75e6), path) is None
-    store_latency_samples(151.0, KEY, path)
-    assert load_latency_samples(KEY, path) == 151.0
-    with pytest.raises(CalibrationError, match="names no radio"):
-        load_latency_samples(dataclasses.replace(KEY, serial="J"), path)
 
 
 def test_a_radio_without_a_serial_is_not_calibrated(tmp_path):
@@ -612,13 +566,9 @@ def test_gate_closes_at_a_sample_that_is_not_finite(value):
     ("radio", "message"),
     [
         ({"attenuation_db": 180.0}, "attenuation_db is 180; it has to be within 0..150"),
-        ({"attenuation_db": 6000.0}, "attenuation_db is 6000.0; expected a number within"),
         ({"attenuation_db": 1e308}, "attenuation_db is 1e\\+308; expected a number within"),
         ({"radar_serial": "a,type=x300"}, "radar_serial is 'a,type=x300'; a serial is"),
-        ({"jammer_serial": "J" * 33}, "at most 32 letters and digits"),
         ({"master_clock_hz": 0.0}, "master_clock_hz is 0"),
-        ({"master_clock_hz": -1.0}, "master_clock_hz is -1"),
-        ({"lo_offset_hz": 1e308}, "lo_offset_hz is 1e\\+308"),
         ({"lo_offset_hz": 40e6}, "within -3.072e\\+07..3.072e\\+07"),
     ],
 )

@@ -97,25 +97,17 @@ def numbers(path, kind, mean=0.0, rms=300.0):
     ("make", "datatype", "said"),
     [
         (lambda path: np.savez(path.open("wb"), np.ones(99)), "cf32_le", "zip archive"),
-        (lambda path: savemat(path, {"x": np.eye(9)}, format="4", appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: savemat(path, {"x": np.eye(9)}, appendmat=False), "cf32_le", "MATLAB"),
         (lambda path: path.write_bytes(b"PAR1" + bytes(999)), "cf32_le", "another program's format"),
-        (lambda path: path.write_bytes(b"\x80\4\x95" + bytes(999)), "cf32_le", "another program's format"),
         (lambda path: numbers(path, "u1", 127.5, 20), "ci8", "not ci8; are they cu8"),
-        (lambda path: numbers(path, "i1", 0, 20), "cu8", "not cu8; are they ci8"),
         (lambda path: path.write_bytes(bytes(80_000)), "cf32_le", "not finite, or zeros alone"),
-        (lambda path: numbers(path, "<f4"), "cf64_le", "not cf64_le; are they cf32_le"),
         (lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(999)), "cf32_le", "HDF5"),
-        (lambda path: np.savetxt(path, np.ones((99, 2)), delimiter=","), "cf32_le", "text"),
         (lambda path: wavfile.write(path, 48_000, np.ones(99, "<i2")), "cf32_le", r"int16 of shape \(99,\)"),
-        (lambda path: np.save(path.open("wb"), np.ones((2, 99))), "cf32_le", r"shape \(2, 99\)"),
         (lambda path: np.save(path.open("wb"), np.ones((99, 2))), "ci8", "states the type; leave"),
         (lambda path: numbers(path, "<f4"), "ci16_le", "not ci16_le; are they cf32_le"),
-        (lambda path: numbers(path, "<f8"), "cf32_le", "not cf32_le; are they cf64_le"),
         (lambda path: numbers(path, "<i2"), "cf32_le", "not cf32_le; are they ci16_le"),
         (lambda path: write(path.parent, np.ones(9), 5e6) and path.touch(), "", "air.sigmf-data; name"),
         (lambda path: numbers(path, "<i2"), "", "datatype is missing.* ci16_le"),
-        (lambda path: numbers(path, "<i2"), "i16", "datatype is 'i16'"),
     ],
 )
 def test_what_is_no_samples_of_that_type_is_refused(tmp_path, make, datatype, said):
@@ -165,14 +157,6 @@ def test_what_does_not_fit_is_one_line(tmp_path, change, said):
     with pytest.raises(ValueError, match=said) as caught:
         emitter.samples(100, RATE_HZ, np.random.default_rng(6))
     assert "\n" not in str(caught.value)
-
-
-def test_not_finite_samples_are_named(tmp_path):
-    samples = np.ones(30_000, dtype=complex)
-    samples[7] = np.nan
-    emitter = RecordingEmitter(file=str(write(tmp_path, samples, 7.5e6)))
-    with pytest.raises(ValueError, match="not finite"):
-        emitter.samples(100, RATE_HZ, np.random.default_rng(7))
 
 
 def noisy(samples, snr_db, rng):

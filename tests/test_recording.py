@@ -5,7 +5,6 @@ import csv
 import hashlib
 import json
 import os
-import tarfile
 from pathlib import Path
 
 import numpy as np
@@ -236,18 +235,6 @@ def test_an_archive_holds_the_same_samples(tmp_path, ending):
         open_capture(packed)
 
 
-def test_an_archive_of_a_mac_is_read_and_one_without_a_recording_is_not(tmp_path):
-    path = write_foreign(tmp_path, sweeps(1), 7.5e6, "cf32_le")
-    for name, count in (("mac.sigmf", 1), ("empty.sigmf", 0)):
-        with tarfile.open(tmp_path / name, "w") as archive:
-            for file in [path, path.with_suffix(".sigmf-data")] * count:
-                archive.add(file, f"./._{file.name}")
-                archive.add(file, f"./{file.name}")
-    assert open_capture(tmp_path / "mac.sigmf").sample_count == 7500
-    with pytest.raises(RecordingError, match=r"0 .sigmf-meta and 0 .sigmf-data are in it"):
-        open_capture(tmp_path / "empty.sigmf")
-
-
 AS_OTHERS_WRITE = {  # global, annotations
     "a digest in upper case": lambda head, notes: head.update({"core:sha512": head["core:sha512"].upper()}),
     "extensions as an object": lambda head, notes: head.update({"core:extensions": {"antenna": "optional"}}),
@@ -312,12 +299,6 @@ def test_a_recording_that_begins_airborne_says_so_or_takes_the_altitude(tmp_path
     assert (tmp_path / "true" / "altitude.png").is_file()
 
 
-def test_a_rate_that_is_rounded_is_taken_and_said(tmp_path):
-    capture = open_capture(write_foreign(tmp_path, sweeps(2), 7_500_015.0, "cf32_le"))
-    assert sum(b.size for _, b in capture.blocks(7.5e6)) == 15000
-    assert "2 ppm off a ratio" in capture.notes[0]
-
-
 DAMAGE = {  # of metadata and data
     "core:datatype has 8 bytes a sample, and 5 are left over": lambda meta, data: meta["global"].update(
         {"core:trailing_bytes": 3}
@@ -325,19 +306,13 @@ DAMAGE = {  # of metadata and data
     "core:author: 5 is not of type 'string'": lambda meta, data: meta["global"].update({"core:author": 5}),
     "0: core:sample_start: -1 is less": lambda meta, data: meta.update(captures=[{"core:sample_start": -1}]),
     "truncated": lambda meta, data: data.write_bytes(data.read_bytes()[:-4000]),
-    "torn": lambda meta, data: meta["global"].pop("core:sha512") and data.write_bytes(data.read_bytes()[:-3]),
     "other data": lambda meta, data: data.write_bytes(bytes(data.stat().st_size)),
     "no data": lambda meta, data: data.unlink(),
-    "empty": lambda meta, data: data.write_bytes(b""),
     "capture beyond": lambda meta, data: meta["captures"].append({"core:sample_start": 10**9}),
     "no rate": lambda meta, data: meta["global"].pop("core:sample_rate"),
     "rate not a number": lambda meta, data: meta["global"].update({"core:sample_rate": float("nan")}),
     "real": lambda meta, data: meta["global"].update({"core:datatype": "rf32_le"}),
-    "no datatype": lambda meta, data: meta["global"].pop("core:datatype"),
     "two channels": lambda meta, data: meta["global"].update({"core:num_channels": 2}),
-    "no global": lambda meta, data: meta.pop("global"),
-    "no captures": lambda meta, data: meta.pop("captures"),
-    "no annotations": lambda meta, data: meta.pop("annotations"),
 }
 NONE_AT_ALL = {"no json": b"{", "no text": b"\xff\xfe", "no object": b"[]"}
 
@@ -432,13 +407,10 @@ def replayed(folder: Path, target: Path, capsys, changes: dict, samples=None) ->
     [
         *(({"core:datatype": kind}, None, f"datatype is '{kind}'") for kind in ("cf32_be", "ci16_le")),
         *(({"core:sample_rate": rate}, None, "was recorded at 7.5e+06") for rate in (30e6, 1831.0)),
-        ({"core:sample_rate": 10**400}, None, "core:sample_rate is"),
         ({}, None, ""),  # the copy as it is replays
         ({}, np.nan, "no sample in it is a finite number"),
         ({}, 0.0, "nothing but zeros is in it"),
         ({"radalt:full_scale": 0}, None, "radalt:full_scale is 0"),
-        ({"radalt:full_scale": -1}, None, "radalt:full_scale is -1"),
-        ({"radalt:calibration_samples": 1e300}, None, "radalt:calibration_samples is 1e+300"),
         ({"radalt:scene": {"seed": 10**30}}, None, "seed is 1000"),
     ],
 )
@@ -452,12 +424,6 @@ def test_a_recording_of_ours_that_was_changed_gets_one_line(
     assert status == 2
     assert error.count("\n") == 1 and message in error and len(error) <= 301
     assert not (tmp_path / "out" / "rows.csv").exists()
-
-
-def test_a_rate_far_below_the_sweeps_is_refused_before_anything_is_made(tmp_path):
-    path = write_foreign(tmp_path, np.ones(8000, complex), 375e3, "cf32_le")
-    with pytest.raises(RecordingError, match=r"1\.6e\+05 samples \(0\.00128 GB\)"):
-        open_capture(path).blocks(7.5e6)
 
 
 @pytest.mark.parametrize("name", ["pipe", "../pipe", "/dev/zero", "a\0b"])

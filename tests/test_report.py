@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import json
-import os
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from waiting import ran
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.mitigation import CUSTOM
 from radalt.core.mitigation import METHODS as MITIGATIONS
-from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
+from radalt.core.scene import Scene, SweepSpec, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap.figures import draw_pd
 from radalt.evaluation.overlap.markdown import verdict
@@ -126,27 +125,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
     assert "| 1 | 0 | – | – |" in page.read_text(encoding="utf-8")
 
 
-def test_the_shipped_default_is_the_papers_case():
-    scene = load_scene("paper_qpsk")
-    (interferer,) = scene.interference
-    assert interferer.emitter.bandwidth_hz / scene.waveform.bandwidth_hz == pytest.approx(0.267)
-    assert scene.sweep.overlap == tuple(round(0.1 * k, 9) for k in range(11))
-    assert scene.sweep.sir_db == (-10.0, -28.0)
-    assert 10 <= scene.altitude.frames <= 20
-
-
 # -- rows on disk -------------------------------------------------------------------------------------------------
-
-
-def test_rows_survive_the_disk_digit_by_digit(tmp_path):
-    """A fresh and a resumed run report the same numbers."""
-    rows = rows_of(scene_of())
-    folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", rows[:2])
-    folder.add("b", rows[2:4])
-    folder.close()
-    again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-    assert again.done == {"a": rows[:2], "b": rows[2:4]} and again.rejected == []
 
 
 def test_rows_of_another_seed_do_not_hold(tmp_path):
@@ -159,15 +138,6 @@ def test_rows_of_another_seed_do_not_hold(tmp_path):
     journal.write_bytes((tmp_path / "b" / "points.jsonl").read_bytes())
     again = RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
     assert again.done == {} and again.rejected == [f"{journal}:1"]
-
-
-@pytest.mark.parametrize("name", [".lock", "run.json", "points.jsonl", "report.json"])
-def test_a_pipe_in_the_folder_is_not_waited_at(tmp_path, name):
-    finished(tmp_path / "a", scene_of())
-    (tmp_path / "a" / name).unlink(missing_ok=True)
-    os.mkfifo(tmp_path / "a" / name)
-    with pytest.raises(FolderError, match=f"{name} is a folder, pipe or device"):
-        RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
 
 
 # -- one run, one folder ------------------------------------------------------------------------------------------
@@ -263,14 +233,6 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
     assert break_points(rows_of(scene_of())) == []  # two SIRs say too little
 
 
-def test_the_axis_of_one_overlap_are_the_methods(tmp_path):
-    figure = draw_pd(
-        [row for row in rows_of(scene_of()) if row["overlap"] == 1], tmp_path / "x.png", title="one"
-    )
-    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == list(METHODS)
-    assert "overlap 1" in figure.axes[0].get_xlabel()
-
-
 def test_the_legend_of_every_method_lies_within_a_figure_of_one_panel(tmp_path):
     rows = [row for row in rows_of(scene_of()) if row["sir_db"] == -28]
     many = [row | {"method": name} for row in rows if row["method"] == "none" for name in MITIGATIONS]
@@ -292,17 +254,6 @@ def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_pa
         assert (row["pd_low"], row["pd_high"]) == pytest.approx(wilson_interval(row["correct"], 300))
         assert row["rmse_detected_m"] == pytest.approx(single["rmse_detected_m"])
     assert (tmp_path / "all" / "pd_vs_overlap.png").stat().st_size > 10_000
-
-
-def test_runs_that_swept_the_sir_alone_are_drawn_against_it(tmp_path, undrawn):
-    swept = SweepSpec(overlap=(1.0,), sir_db=(-10.0, -20.0, -28.0))
-    page, _ = collect([finished(tmp_path / "a", scene_of(sweep=swept))], tmp_path / "all")
-    text = page.read_text(encoding="utf-8")
-    assert text.startswith("# Pd against SIR, 1 run\n") and "pd_vs_sir.png" in text
-    assert "pd_vs_overlap" not in text
-    collect([finished(tmp_path / "b", scene_of())], tmp_path / "all")
-    drawn = sorted(f.name for f in (tmp_path / "all").glob("pd_vs_*.png"))
-    assert drawn == ["pd_vs_overlap.png", "pd_vs_runtime.png"]
 
 
 def test_methods_of_two_folders_are_compared_on_the_frames_of_both(tmp_path, undrawn):
@@ -343,13 +294,10 @@ def test_a_run_that_occurs_twice_counts_once(tmp_path, undrawn):
             lambda s: {"altimeter": dataclasses.replace(s.altimeter, pfa_per_frame=1e-3)},
             "pfa_per_frame is 0.0155 in the one, 0.001",
         ),
-        (lambda s: {"channel": dataclasses.replace(s.channel, snr_db=20.0)}, "snr_db"),
-        (lambda s: {"channel": dataclasses.replace(s.channel, adc_bits=12)}, "channel.adc_bits"),
         (
             lambda s: {"altitude": dataclasses.replace(s.altitude, programme_m=(50.0,))},
             "altitude.programme_m",
         ),
-        (lambda s: {"interference": (Interferer(QpskEmitter(bandwidth_hz=1e6)),)}, "interference"),
         (lambda s: {"method_options": {"tcae": {"threads": 2}}}, "method_options.tcae"),
     ],
 )
@@ -387,32 +335,16 @@ def edit(path, **changes):
         ({"title": "\ud800"}, "title is"),
         ({"title": "x" * 2_000_000}, "title is"),
         ({"title": "<script>alert(1)</script>"}, "title is"),
-        ({"name": "a\nb | c"}, "name is"),
         ({"created": "\x1b[2J"}, "created is"),
         ({"versions": {"radalt": "<b>"}}, "versions holds 'radalt': '<b>'"),
-        ({"title": "[a](javascript:alert(1))"}, "title is"),
-        ({"trials_per_point": "<b>"}, "trials_per_point is"),
         ({"rows": []}, "no row with a trial"),
     ],
-    ids=["surrogate", "2 MB", "markup", "newline", "escape", "version", "link", "range", "no row"],
+    ids=["surrogate", "2 MB", "markup", "escape", "version", "no row"],
 )
 def test_a_strangers_text_that_no_page_can_show_is_refused(tmp_path, changes, message):
     with pytest.raises(PoolError, match=message) as caught:
         collect([edit(finished(tmp_path / "a", scene_of()), **changes)], tmp_path / "all")
     assert len(str(caught.value)) < 600 and str(caught.value).isprintable()
-
-
-def test_a_strangers_report_has_bounds(tmp_path):
-    folder = finished(tmp_path / "a", scene_of())
-    rows = read_report(folder)["rows"]
-    for key, values, message in (
-        ("overlap", [-5.0], "overlap is -5"),
-        ("method", ["<i>"], "method is '<i>'"),
-        ("sir_db", [-k / 10 for k in range(100)], "100 panels, and a page shows 60"),
-        ("overlap", [k / 2000 for k in range(2000)], "2000 overlaps, and a page shows 1000"),
-    ):
-        with pytest.raises(PoolError, match=message):
-            collect([edit(folder, rows=[rows[0] | {key: value} for value in values])], tmp_path / "all")
 
 
 def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path, undrawn):

@@ -61,13 +61,10 @@ def test_pattern_file_with_azimuth_wraps_around(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("angle,gain\n0,1\n", "needs the columns"),
         ("angle_deg,gain_dbi\n0,1\n", "at least two angles"),
         ("angle_deg,gain_dbi\n5,1\n10,0\n", "angles start at 0"),
         ("angle_deg,azimuth_deg,gain_dbi\n0,0,1\n0,90,1\n9,0,1\n", "angle 9 azimuth 90 deg is missing"),
-        ("angle_deg,gain_dbi\n0,high\n", "has to be a number"),
         ("angle_deg,gain_dbi\n0,1\n9,nan\n", "row 2 is 9 degrees, nan dBi; within"),
-        ("angle_deg,gain_dbi\n0,1e308\n9,0\n", r"row 1 is 0 degrees, 1e\+308 dBi; within"),
         ("angle_deg,gain_dbi\n0,1\n9,0\n9,-3\n", "row 3 gives angle 9 again"),
     ],
 )

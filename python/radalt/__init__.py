@@ -103,8 +103,7 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     names = {*__all__, *(name for name in globals() if name.startswith("__"))}
-    with contextlib.suppress(
-        ImportError
-    ):  # a namespace package `gnuradio` with `radalt` only is no GNU Radio
+    # a namespace package `gnuradio` with `radalt` only is no GNU Radio
+    with contextlib.suppress(ImportError):
         names |= set(_BLOCKS) if importlib.util.find_spec("gnuradio.gr") else set()
     return sorted(names)

@@ -1,12 +1,10 @@
 """Rows of the bench: one per case, overlap, level and entry, with a bit per frame for paired comparisons."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.parsing import InputError
 from ..evaluation.results.rows import Columns, bits
 from ..evaluation.results.score import SCORE_COLUMNS, score_frames
 from .entry import Entry, Outcome
@@ -53,14 +51,5 @@ def row_of(names: tuple[str, str], case: Case, entry: Entry, frames: Frames, out
 
 
 def read_rows(path: Path, columns: Columns = COLUMNS) -> list[Row]:
-    """Rows of a CSV file. Raises InputError, one line, where it has other columns."""
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file)
-            if tuple(reader.fieldnames or ()) != columns.names:
-                raise InputError(f"{path}: no rows of the bench; make them with radalt bench LIST")
-            return [columns.row({k: v if v != "" else None for k, v in row.items()}) for row in reader]
-    except (UnicodeDecodeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not readable as rows of the bench ({error})") from None
+    """`Columns.read` of rows that `radalt bench LIST` wrote."""
+    return columns.read(path, "radalt bench LIST")

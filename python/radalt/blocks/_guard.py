@@ -16,9 +16,8 @@ from ..core.parsing import InputError
 
 WORK_DONE = -1  # GNU Radio's return value of a ``work`` whose stream has ended
 
-raised: list[
-    Exception
-] = []  # exceptions of all blocks of this program, for callers without a list of its blocks
+# exceptions of all blocks of this program, for callers without a list of its blocks
+raised: list[Exception] = []
 
 # Switch interval of the interpreter, s. A block holds the interpreter for tens of microseconds; with Python's default
 # of 5 ms a block that returns from NumPy waits up to 5 ms, and a flowgraph of five methods took three times as long.

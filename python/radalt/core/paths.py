@@ -11,10 +11,8 @@ from types import ModuleType
 def share_dir() -> Path:
     """The folder that holds ``flowgraphs/``, ``bench/`` and ``models/``.
 
-    In the source tree that is the repository root; in a wheel, ``share`` within the package; installed by CMake,
-    ``<prefix>/share/gr-radalt`` of the prefix the package lies under.
-
-    Raises `FileNotFoundError` if neither exists; names both places.
+    The repository root in the source tree, ``share`` within the package in a wheel, ``<prefix>/share/gr-radalt`` where
+    CMake installed it. Raises `FileNotFoundError`, with the places, if there is none.
     """
     package = Path(__file__).resolve().parents[1]
     candidates = [package.parents[1], package / "share"]

@@ -20,10 +20,7 @@ _CHANGES = 1000
 class Programme:
     """Altitude steps framed by synchronisation frames.
 
-    Parameters
-    ----------
-    speeds_m_per_s, phases_cycles : tuple of float
-        Range rate and carrier phase of each altitude, where returns are drawn; empty where they are not.
+    ``speeds_m_per_s`` and ``phases_cycles`` of each altitude are empty where returns are not drawn.
     """
 
     altitudes_m: tuple[float, ...] = (200.0,)
@@ -158,16 +155,10 @@ class Programme:
 
 
 class SentAltitudes:
-    """Altitude of every transmitted sweep: the programme's, or one set by hand after the preamble.
+    """Altitude of every transmitted sweep: the programme's, or one of the last thousand set by hand after the preamble.
 
-    The last thousand changes are kept. One thread may `set` while another reads.
+    One thread may `set` while another reads.
 
-    Parameters
-    ----------
-    programme : Programme
-
-    Examples
-    --------
     >>> sent = SentAltitudes(Programme(altitudes_m=(900.0,)))
     >>> sent.set(0, 200.0)
     >>> sent.at(0), sent.at(8)

@@ -20,9 +20,8 @@ from .parsing import LARGEST, InputError, check_file, read_bytes, shown
 from .paths import extra
 from .raw_file import RawFile, as_rails, value_type
 
-EXTENSIONS = [
-    {"name": "radalt", "version": "1.0.0", "optional": True}
-]  # to the core's keys, as SigMF declares them
+# to the core's keys, as SigMF declares them
+EXTENSIONS = [{"name": "radalt", "version": "1.0.0", "optional": True}]
 _NAMESPACES, _ENDINGS = ("core", "radalt"), (".sigmf-meta", ".sigmf-data")
 _META_BYTES = 64 << 20  # largest metadata, bytes: some 100,000 annotations
 _DATA_BYTES = 1 << 40  # largest data file, bytes: five hours at 7.5 MS/s, complex64

@@ -11,9 +11,8 @@ from .noise import ReceiverNoise
 
 # Noise of a converter in steps per rail, rms: 11 of 12 bits are effective, and what is below a step does not vanish
 _CONVERTER_NOISE = 0.5
-_HEADROOM = (
-    4.0  # full scale over the input's rms while interference lasts: gains are set for the scene, 12 dB
-)
+# full scale over the input's rms while interference lasts: gains are set for the scene, 12 dB
+_HEADROOM = 4.0
 _RIPPLE_S = 200e-9  # delay of the reflection that makes the ripple, s: in 20 m of cable, to and fro
 _MOST_DELAY_S = 1e-5  # largest delay between antennas or of an echo, s: 3 km
 

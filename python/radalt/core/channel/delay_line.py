@@ -22,11 +22,10 @@ _KERNELS = 512  # cached kernels, 16 KB each: all `STEPS` of a drifting clock, a
 
 
 class DelayLine:
-    """Delays a stream of blocks (overlap-save).
+    """Delays a stream of blocks by up to ``max_delay`` samples (overlap-save).
 
-    ``block``: samples per block; ``max_delay``: longest delay, in samples; ``repeats``: set it for a stream that
-    repeats its blocks, as a radar's sweep does. A block equal to all stored ones is then not copied, and the output
-    at a known delay costs a comparison instead of an FFT.
+    With ``repeats``, for a stream that repeats its blocks as a radar's sweep does, a block equal to all stored ones is
+    not copied, and the output at a known delay costs a comparison instead of an FFT.
     """
 
     def __init__(self, block: int, max_delay: float, *, repeats: bool = False) -> None:
@@ -77,12 +76,10 @@ class DelayLine:
         return known and repeated
 
     def read(self, delay: float, blocks: int = 1) -> np.ndarray:
-        """(blocks, block) samples delayed by ``delay`` >= 0 samples against the last ``blocks`` blocks; read-only.
+        """(blocks, block) samples delayed by ``delay`` >= 0 against the last push's ``blocks``; read-only.
 
-        ``blocks`` must be those of the last `push`. The result equals single pushes and reads to the bit. Where all
-        blocks are equal, the shape is (1, block).
-
-        Raises `ValueError` if a fractional delay is below half the kernel: the interpolation would not be causal.
+        Equal to single pushes and reads to the bit; of shape (1, block) where all blocks are equal. Raises `ValueError`
+        if a fractional delay is below half the kernel, which would not be causal.
         """
         whole = int(np.floor(delay))
         fraction = round((delay - whole) * _FINE_STEPS) / _FINE_STEPS

@@ -133,9 +133,8 @@ class Carrier:
             kaiser_lowpass(w.stop_hz, w.simulation_hz - w.stop_hz, self.rate_hz) if steps > 1 else np.ones(1)
         )
         count = w.simulation_times_s.size
-        begin_n = round(
-            (start_s + w.sweep_s - w.lead / w.simulation_hz) * self.rate_hz
-        )  # a frame late: not negative
+        # a frame late: not negative
+        begin_n = round((start_s + w.sweep_s - w.lead / w.simulation_hz) * self.rate_hz)
         reach_hz = 0.5 * self.bandwidth_hz + w.stop_hz
         near = np.abs(self.offset_hz - w.frequency_hz(start_s + w.simulation_times_s)) < reach_hz
         out = np.zeros(steps * count, dtype=np.complex64)

@@ -23,9 +23,8 @@ class EnvelopeGain:
     modulation: float
     """Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
     skirt as wide as the strong signal's band."""
-    distortion: float = (
-        0.0  # power of the output that is no multiple of the strong signal, over its power at the input
-    )
+    # power of the output that is no multiple of the strong signal, over its power at the input
+    distortion: float = 0.0
 
 
 @dataclass(frozen=True)

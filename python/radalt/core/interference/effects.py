@@ -181,9 +181,8 @@ class Path(InFrames):
         moving, source = self._moving, self.emitter.source
         first = self._next_first()
         start, before, after = moving.span(first, count)
-        if (
-            self.emitter.always_in_window
-        ):  # the emission has to lie inside the frame, not in the filter's margins
+        # the emission has to lie inside the frame, not in the filter's margins
+        if self.emitter.always_in_window:
             window = np.pad(source.samples(count, rate_hz, rng), (before, after))
         else:
             window = source.samples(before + count + after, rate_hz, rng)
@@ -235,9 +234,8 @@ class _MovingFilter:
             return first, 0, 0
         delay = 0.0 if self._channel is None else self._channel.delays_s.max() * self._rate_hz
         before = int(np.ceil(delay)) + _GUARD
-        slip = (
-            int(np.ceil(abs(self._slip) * count)) + 2
-        )  # a block of its ends may begin and end a sample apart
+        # a block of its ends may begin and end a sample apart
+        slip = int(np.ceil(abs(self._slip) * count)) + 2
         return int(np.floor(first * (1.0 + self._slip))) - before - slip, before + slip, _GUARD + slip
 
     def apply(self, sent: np.ndarray, first: int, count: int) -> np.ndarray:

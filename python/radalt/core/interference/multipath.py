@@ -94,18 +94,11 @@ def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 class FadingChannel(Settings, where="fading"):
     """Random multipath channel; `draw` gives one of its draws, which is defined at any time.
 
-    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant line
-    of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the autocorrelation
-    J0(2 pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
+    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant line of
+    sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the autocorrelation J0(2
+    pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
 
-    Raises
-    ------
-    ValueError
-        If the profile is unknown or a value is out of range.
-    Example
-    -------
-    >>> channel = FadingChannel(profile="TDL-C", delay_spread_s=300e-9, doppler_hz=900.0)
-    >>> channel.draw(np.random.default_rng(1)).gains(np.arange(4) * 1e-3).shape
+    >>> FadingChannel(profile="TDL-C").draw(np.random.default_rng(1)).gains(np.arange(4) * 1e-3).shape
     (4, 24)
     """
 

@@ -27,13 +27,7 @@ _MOST_SAMPLES = 1 << 25  # longest signal at the native rate, samples: 0.5 GB
 
 @dataclass(frozen=True, kw_only=True)
 class NrConfig(Settings, where="nr"):
-    """An NR downlink carrier in FR1: normal cyclic prefix, one or two layers as received by one antenna.
-
-    Raises
-    ------
-    ValueError
-        One line with the value, the limit and the remedy.
-    """
+    """An NR downlink carrier in FR1: normal cyclic prefix, one or two layers as received by one antenna."""
 
     channel_bandwidth_hz: float = 5e6
     """5e6 (25 resource blocks of 15 kHz spacing), 10e6 (52; 24 of 30 kHz) and so on to 50e6, with 30 kHz to 100e6

@@ -30,11 +30,9 @@ def _extend_lfsr(state: np.ndarray, taps: tuple[int, ...], length: int) -> np.nd
 
 
 def gold_sequence(c_init: int | np.ndarray, length: int) -> np.ndarray:
-    """Length-31 Gold sequence c(n), TS 38.211 clause 5.2.1.
+    """Length-31 Gold sequence c(n), TS 38.211 clause 5.2.1: uint8 (..., length) of 0 and 1.
 
-    ``c_init`` (int or integer array of shape (...,)): initial value of the second m-sequence, 0 <= c_init < 2**31;
-    ``length``: number of bits, >= 0. Returns uint8 array of shape (..., length), values 0 and 1. Raises `ValueError`
-    if `c_init` does not fit in 31 bits or `length` is negative.
+    ``c_init``, an integer or an array of them (...), is the initial value of the second m-sequence, below 2**31.
     """
     init = np.asarray(c_init, dtype=np.int64)
     if length < 0:

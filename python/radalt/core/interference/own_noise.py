@@ -14,14 +14,13 @@ MOST_DB = 20.0  # largest SNR that is estimated, dB: above it the scatter of the
 def prefix_snr_db(samples: np.ndarray, rate_hz: float) -> float | None:
     """Ratio of the OFDM's power to all other power, in decibels; None where no OFDM is found.
 
-    In the prefix ``x[n] = s[n] + v[n]`` and ``x[n + N] = s[n] exp(j phi) + v[n + N]``. N samples are the inverse of
-    the subcarrier spacing. The coherence ``gamma = |<x[n] x*[n+N]>| / <(|x[n]|^2 + |x[n+N]|^2) / 2>`` is then S / (S
-    + V), and the ratio is gamma / (1 - gamma) (J.-J. van de Beek et al., "ML estimation of time and frequency offset
-    in OFDM systems", IEEE Trans. Signal Process. 45(7), 1997).
+    In the prefix ``x[n] = s[n] + v[n]`` and ``x[n + N] = s[n] exp(j phi) + v[n + N]``. N samples are the inverse of the
+    subcarrier spacing. The coherence ``gamma = |<x[n] x*[n+N]>| / <(|x[n]|^2 + |x[n+N]|^2) / 2>`` is then S / (S + V),
+    and the ratio is gamma / (1 - gamma) (J.-J. van de Beek et al., "ML estimation of time and frequency offset in OFDM
+    systems", IEEE Trans. Signal Process. 45(7), 1997).
 
-    ``samples``: (n,) complex, at least 3 ms; the first 40 ms are used; ``rate_hz``: complex sample rate. Returns at
-    most 20 dB, which stands for 20 dB or more. Detects OFDM of 15 and 30 kHz spacing with the normal prefix (LTE and
-    5G NR). Changes within a symbol (fading, phase noise) count as noise, as for a demodulator.
+    Needs 3 ms and uses the first 40 ms; 20 dB stands for 20 dB or more. Finds 15 and 30 kHz spacing with the normal
+    prefix (LTE and 5G NR). Changes within a symbol (fading, phase noise) count as noise, as for a demodulator.
     """
     step_hz = _SPACINGS_HZ[-1]
     even_hz = max(step_hz, round(rate_hz / step_hz) * step_hz)  # whole samples in a symbol and in a cycle

@@ -66,11 +66,9 @@ def rate_ratio(rate_hz: float, source_rate_hz: float) -> Fraction:
 
 
 def resample_periodic(samples: np.ndarray, source_rate_hz: float, rate_hz: float) -> np.ndarray:
-    """Receiver filter and polyphase resampling (scipy.signal.resample_poly) of one period of a periodic signal.
+    """Receiver filter and polyphase resampling of one period of a periodic signal, without a seam and without delay.
 
-    ``samples`` is (N,) complex at ``source_rate_hz``. Returns (N rate/source_rate,) complex128; the result repeats
-    without a seam and is not delayed. Raises ValueError if the period is not a whole number of output samples or the
-    ratio is not small.
+    (N,) at ``source_rate_hz`` become (N rate/source_rate,) complex128. Raises ValueError if that is no whole number.
     """
     ratio = rate_ratio(rate_hz, source_rate_hz)
     if (samples.size * ratio.numerator) % ratio.denominator:

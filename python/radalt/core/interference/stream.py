@@ -13,20 +13,15 @@ from .transmission import Transmission
 
 
 class JammerStream:
-    """Endless interference in frames of N samples, silent while the segmenter takes its timing.
+    """Endless interference in frames of N samples, silent in frames that are not trials of a ``programme``.
 
-    - ``waveform``: frame length and rate
-    - ``interferers``: interferers to sum; may be empty (silence)
-    - ``programme``: silent in frames that are not trials; None transmits from the first frame
-    - ``seed``: seed of everything random
-    - ``free_running``: False: each burst lies within one sweep. True: the burst grid is offset against the sweep's by
-      a random part of a frame, as for an emitter that is not synchronised to the radar. SIR and overlap then hold in
-      the grid's windows. Transmitters go on from frame to frame: in bursts, symbols, carrier and timing run on
-      through the gaps; with full overlap the gain is constant, and the total SIR holds in the mean; with ``fading``
-      in the mean over the fading. Those with ``always_in_window`` are drawn anew in every frame, and plug-ins without
-      ``begin`` every 40 frames. Channels and oscillators of ``fading``, ``oscillator`` and ``phase_noise`` are
-      continuous in both cases.
-    - ``total_sir_db``: SIR of the sum; None keeps each interferer's SIR
+    Each burst lies within one sweep. With ``free_running`` the burst grid is offset against the sweep's by a random
+    part of a frame, as for an emitter that is not synchronised to the radar. SIR and overlap then hold in the grid's
+    windows. Transmitters go on from frame to frame: in bursts, symbols, carrier and timing run on through the gaps;
+    with full overlap the gain is constant, and the total SIR holds in the mean; with ``fading`` in the mean over the
+    fading. Those with ``always_in_window`` are drawn anew in every frame, and plug-ins without ``begin`` every 40
+    frames. Channels and oscillators of ``fading``, ``oscillator`` and ``phase_noise`` are continuous in both cases.
+    Without ``total_sir_db`` each interferer keeps its SIR.
     """
 
     def __init__(
@@ -84,9 +79,8 @@ class JammerStream:
         n = self.waveform.samples_per_frame
         frame = np.empty(n, dtype=np.complex64) if out is None else out
         silent = self._is_silent(index)
-        if silent and not (
-            self._shift and not self._is_silent(index + 1)
-        ):  # the next frame begins in this window
+        # the next frame begins in this window
+        if silent and not (self._shift and not self._is_silent(index + 1)):
             frame[:] = 0
         else:
             for running in self._running.values():

@@ -81,11 +81,9 @@ class InFrames:
 class Transmission(InFrames):
     """A transmitter that goes on from frame to frame: emitter protocol.
 
-    Its samples depend on the draw at its first call and on their numbers only, whatever was asked for before.
-    Symbols, carrier phase, timing and fading run on while it is gated off.
-
-    ``emitter``, ``frame_samples``: see `InFrames`; ``steady``: constant gain: the SIR holds in the long run, before
-    fading. Otherwise every frame is scaled to the SIR.
+    Its samples depend on the draw at its first call and on their numbers only, whatever was asked for before. Symbols,
+    carrier phase, timing and fading run on while it is gated off. With ``steady`` the gain is constant and the SIR
+    holds in the long run, before fading; otherwise every frame is scaled to the SIR.
     """
 
     def __init__(self, emitter: object, frame_samples: int, *, steady: bool = False) -> None:
@@ -96,9 +94,8 @@ class Transmission(InFrames):
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`; the next call is for the next frame."""
         first = self._next_first()
-        if (
-            count < self.frame_samples and self._signal is not None
-        ):  # a burst takes its own time, not that of blocks
+        # a burst takes its own time, not that of blocks
+        if count < self.frame_samples and self._signal is not None:
             return self._begun(first, count)
         return self.at(first, count, rate_hz, rng)
 

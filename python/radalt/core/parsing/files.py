@@ -17,11 +17,9 @@ _TAGS = ("str", "int", "float", "bool", "null", "seq", "map")
 
 
 def check_file(path: Path | str, *, most_bytes: int, what: str, remedy: str = "name another file") -> Path:
-    """Check that a path is a regular file of bounded size, without reading it.
+    """Check that a path is a regular file of bounded size, without reading it: a pipe or device may never end.
 
-    ``most_bytes``: size above which it is refused; ``what``: what the file is, for messages: "scene"; ``remedy``: end
-    of the message where it cannot be read. Raises `InputError`: file, reason, remedy. A pipe or device is refused,
-    since reading may never end.
+    Raises `InputError`: ``what`` it is, file, reason, ``remedy``.
     """
     try:
         path = Path(path)
@@ -89,11 +87,9 @@ def _name(path: Path | str) -> str:
 def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") -> Any:
     """Content of a YAML file, by a strict reader: plain values, each key once.
 
-    These are errors besides invalid YAML: a key twice in one mapping (YAML keeps the last without a word), aliases (a
-    few lines of them expand to a billion values), and tags other than those of JSON's types. Dates stay text, and so
-    does 1:30, which YAML 1.1 defines as 90.
-
-    Raises `InputError`: file, line where there is one, what is wrong.
+    Errors besides invalid YAML are a key twice in one mapping (YAML keeps the last without a word), aliases (a few
+    lines of them expand to a billion values), and tags other than those of JSON's types. Dates stay text, and so does
+    1:30, which YAML 1.1 defines as 90. Raises `InputError`: file, line where there is one, what is wrong.
     """
     import yaml
 

@@ -58,14 +58,9 @@ def build(
 ) -> Any:
     """Dataclass from a mapping: keys and types are checked here, ranges by its ``__post_init__``.
 
-    - ``cls``: dataclass with annotated fields
-    - ``data``: as YAML gives it
-    - ``where``: Dotted path of the mapping, for messages; empty for the whole file
-    - ``special``: converters ``(value, path) -> field value`` for fields that the annotation does not describe
-    - ``renamed``: keys of fields that have another name in files
-    - ``also``: keys that are allowed there and that the caller has taken out, for messages
-
-    Raises `ValueError`: one line with key, value and what is allowed.
+    ``where`` is the mapping's dotted path, empty for a whole file; ``special`` has converters ``(value, path) ->
+    value`` of fields that the annotation does not describe, ``renamed`` keys of fields that have another name in files,
+    ``also`` keys that the caller has taken out. Raises `ValueError`: one line with key, value and what is allowed.
     """
     if not isinstance(data, dict):
         raise ValueError(f"{where or 'the scene'} is {data!r}; expected a mapping of keys")

@@ -33,11 +33,9 @@ class Request:
 
 
 def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str], jammer: bool) -> Request:
-    """Check one request.
+    """Check one request, a JSON object in UTF-8, against the flowgraph's limits, methods and jammer.
 
-    ``text``: UTF-8 JSON object, each key once; ``max_altitude_m``: largest altitude of the altimeter's search;
-    ``methods``: methods in the flowgraph; ``jammer``: whether the flowgraph has a jammer. Raises `RequestError`:
-    names the key, the value (cut where it is long) and what is allowed.
+    Raises `RequestError`: names the key, the value (cut where it is long) and what is allowed.
     """
     data = _object(text)
     version = data.get("version")

@@ -33,9 +33,8 @@ class Device:
     tx_antenna: str
     rx_antenna: str
     two_channels_hz: float = 0.0  # highest master clock with two receive channels; 0 where there is one
-    link_hz: float = (
-        math.inf
-    )  # samples per second that the link to the computer carries, both directions together
+    # samples per second that the link to the computer carries, both directions together
+    link_hz: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("tuning_hz", "master_clock_hz", "rate_hz", "tx_gain_db", "rx_gain_db"):

@@ -13,14 +13,10 @@ class InterlockError(ValueError):
 
 
 def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> None:
-    """Refuse to build transmitters unless both the scene and the command line allow it.
-
-    - ``scene``: ``radio.enclosure`` has to be ``cabled`` (with its ``attenuation_db``) or ``shielded``
-    - ``transmit``: the command line's ``--transmit``
-    - ``radios``: False where the flowgraph holds no radio (simulation): nothing to refuse
+    """Refuse to build transmitters unless both the scene and the command line (``transmit``) allow it.
 
     Raises `InterlockError` without an enclosure, with numbers outside the radios' ranges, with too little attenuation
-    for the gains, or without ``transmit``.
+    for the gains, or without ``transmit``; never where there are no ``radios``, in simulation.
     """
     if not radios:
         return
@@ -40,10 +36,8 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
 def check_radio(scene: Scene) -> None:
     """Refuse combinations of ``radio`` and ``waveform`` that the scene's radios cannot carry out.
 
-    `RadioSpec` checks the range of each number.
-
-    Raises `InterlockError` if the sweep leaves the radios' tuning range, or its rate their rates; if both
-    transmitters may be one device, or the master clock is no multiple of the rate or has no room for the LO offset.
+    Raises `InterlockError` if the sweep leaves the radios' tuning range, or its rate their rates; if both transmitters
+    may be one device, or the master clock is no multiple of the rate or has no room for the LO offset.
     """
     radio, w, limits = scene.radio, scene.waveform, scene.radio.limits
     for name, low, high, (bottom, top) in (

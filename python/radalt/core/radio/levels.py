@@ -33,12 +33,7 @@ def rx_level_dbm(radio: RadioSpec, jammer: bool, attenuation_db: float | None = 
 
 @dataclass(frozen=True)
 class Drive:
-    """Digital full scale of both transmitters: the sample value at the converter's full scale.
-
-    ``radar_full_scale``, ``jammer_full_scale``: values of UHD's stream argument ``fullscale``; ``radar_dbm``,
-    ``jammer_dbm``: mean power at each transmitter's connector by the model (jammer: averaged over frames); NaN
-    without jammer.
-    """
+    """Sample value at each converter's full scale, and mean power at each connector by the model; NaN: no jammer."""
 
     radar_full_scale: float
     jammer_full_scale: float

@@ -42,12 +42,11 @@ def strongest_lines(frames: np.ndarray, rate_hz: float) -> tuple[float, float, f
 
 
 def ripple_db(waveform: Waveform, sweeps: np.ndarray, delay_samples: float, first: int = 0) -> float:
-    """Flatness of a received sweep, peak to peak over the inner 80 % of the band, dB.
+    """Flatness of a received sweep, peak to peak over the inner 80 % of the band, dB; NaN where samples are missing.
 
-    The sweep's frequency is a function of time, so its power over time is the path's response.
-
-    ``sweeps`` (k, N) complex: as received at altitude zero; their mean is taken. NaN gives NaN. ``delay_samples``:
-    within 0..1: how much later than the first sample each begins; ``first``: number of the first one.
+    The sweep's frequency is a function of time, so its power over time is the path's response. ``sweeps`` (k, N) are
+    from number ``first`` on at altitude zero, each ``delay_samples`` (0..1) later than its first sample; their mean is
+    taken.
     """
     rotation = np.conj(waveform.frame_rotation(np.arange(first, first + len(sweeps))))
     sweep = (sweeps * rotation[:, None]).mean(axis=0)

@@ -58,14 +58,10 @@ def write_metadata(
     recorder: str,
     radio: Mapping[str, float] | None = None,
 ) -> Path:
-    """Write ``.sigmf-meta`` next to the samples: scene, captures, and annotations of altitude and jammer.
+    """Write ``.sigmf-meta`` next to complex64 samples: scene, captures, and annotations of altitude and jammer.
 
-    - ``data_file``: ``.sigmf-data`` that holds complex64 samples
-    - ``scene``: scene of the run
-    - ``latency_samples``: receiver samples from the counter's zero to the start of sweep 0
-    - ``recorder``: name of the recording program
-    - ``radio``: ``calibration_samples``, ``full_scale``, for a recording by radio: settings of the segmenter that the
-      scene does not give
+    ``latency_samples`` leads from the counter's zero to the start of sweep 0; ``radio`` has settings of the segmenter
+    that a scene does not give, ``calibration_samples`` and ``full_scale``.
     """
     w = scene.waveform
     recording = extra("sigmf").SigMFFile(

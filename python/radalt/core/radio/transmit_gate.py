@@ -20,22 +20,13 @@ class TransmitGate:
 
     Transmission is allowed while all of these hold:
 
-    - the scene states an enclosure, its numbers are plausible and ``transmit`` is set (`require_enclosure`, asked
-      once)
-    - where the flowgraph is controlled from outside, `beat` has been called within the last ``watchdog_s``
+    - the scene states an enclosure, its numbers are plausible and ``transmit`` is set (`require_enclosure`, asked once)
+    - where the flowgraph is ``controlled`` from outside, `beat` has been called within the last ``watchdog_s``
     - `close` has not been called, and every sample so far was finite and within `full_scale`.
 
-    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite or beyond
-    full scale. Restart the program to transmit again.
+    A gate that has closed for one of the last two stays closed: restart the program to transmit again.
 
-    ``transmit``: the command line's ``--transmit``, or the flowgraph's parameter; ``controlled``: whether the
-    flowgraph has a remote control, which has to call `beat`; ``watchdog_s``: longest time between two beats, seconds;
-    ``clock``: Monotonic seconds.
-
-    Examples
-    --------
-    >>> gate = TransmitGate(Scene(), True)
-    >>> out = np.ones(3, np.complex64)
+    >>> gate, out = TransmitGate(Scene(), True), np.ones(3, np.complex64)
     >>> gate.pass_into(np.ones(3, np.complex64), out)
     >>> out.any(), gate.why_closed.startswith("transmit refused")
     (False, True)

@@ -16,14 +16,11 @@ _STEPS = 2000  # steps of the midpoint rule over incidence: 0.001 dB for beams f
 def diffuse_loop_loss_db(
     height_m: float, *, antenna: Antenna, ground: Reflectivity, carrier_hz: float, losses_db: float
 ) -> float:
-    """Loop loss over level, diffuse ground, in decibels.
+    """Loop loss over level, diffuse ground, in decibels, of one ``antenna`` pattern that points down, both ways.
 
     The radar equation over all incidence angles, ``dA = 2 pi R^2 tan(theta) dtheta`` at ``R = h / cos(theta)``:
 
         P_r / P_t = lambda^2 / ((4 pi)^3 L) 2 pi / h^2  integral of G^2 sigma0 sin(theta) cos(theta) dtheta
-
-    ``height_m``: height of both antennas above the ground, > 0; ``antenna``: one pattern for both directions,
-    pointing down; ``losses_db``: cable and other losses except spreading, both ways together.
     """
     step = 0.5 * np.pi / _STEPS
     theta = (np.arange(_STEPS) + 0.5) * step

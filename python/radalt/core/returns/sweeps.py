@@ -10,14 +10,11 @@ from .point import point_return
 
 
 class SentSweeps:
-    """Transmitted sweeps of the radar, one per frame.
+    """Transmitted sweeps of the radar, one per frame; a ``silent`` one transmits nothing in trials.
 
-    Drawn returns (`Programme.phases_cycles`) are played with delay and Doppler. Otherwise up sweeps are shifted by
-    ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
-
-    ``sent``: altitude by sweep index; ``synthetic``: False transmits the plain sweep: the channel simulates true
-    delays; ``silent``: True transmits nothing in trials: frames without a return, whose timing is that of the
-    preamble.
+    Drawn returns (`Programme.phases_cycles`) are played with delay and Doppler. Otherwise up sweeps are shifted by ``-k
+    tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``; without ``synthetic`` they are
+    sent plain, and the channel simulates true delays.
     """
 
     def __init__(

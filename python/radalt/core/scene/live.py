@@ -13,12 +13,10 @@ _FLOOR_DB = -200.0  # value shown for zero power, dB
 
 
 def by_hand(scene: Scene) -> Scene:
-    """The scene for a flowgraph without end whose altitude a person sets.
+    """The scene for a flowgraph without end whose altitude a person sets, up to the highest that is searched.
 
-    Altitudes are synthetic point returns up to the altimeter's largest altitude (1500 m unless the scene gives one).
     There is one preamble (altitude zero, jammer silent). Lost samples and the jammer's clock drift are off, since the
-    simulated channel needs the length of the run for them. Leakage is off, since a beat shift would move it with the
-    return.
+    simulated channel needs the length of the run for them; leakage, since a beat shift would move it with the return.
     """
     altitude = dataclasses.replace(
         scene.altitude, mode="synthetic", vertical_speed_m_per_s=0.0, sync_every_frames=0, hold_last=True
@@ -40,7 +38,7 @@ def by_hand(scene: Scene) -> Scene:
 
 
 class RangeProfile:
-    """Beat spectrum and CFAR threshold of frames in decibels, over altitude.
+    """Beat spectrum and CFAR threshold of frames in decibels, at ``points`` from altitude 0 to the highest searched.
 
     The profile is the mean power of both half sweeps, 0 dB being a return of unit amplitude. The threshold drawn is
     ``profile - 10 log10(r / r_T)``. ``r`` is the power over noise at which two equal half sweeps have the joint
@@ -48,14 +46,9 @@ class RangeProfile:
     exceeds the threshold where the joint significance exceeds the altimeter's threshold (a target without Doppler).
 
     This is the altimeter's first test. Its further tests of the detected cell are not drawn: a higher level where the
-    cells beyond the span have less power, a lower threshold for continuous noise, and a level without the return's
-    side lobes (`PairSearch`).
+    cells beyond the span have less power, a lower threshold for continuous noise, and a level without the return's side
+    lobes (`PairSearch`).
 
-    ``points``: points from altitude 0 to ``settings.max_altitude_m``, 2 or more; values between cells are
-    interpolated. ``altitude_m`` (points,) float64: altitude of each point.
-
-    Examples
-    --------
     >>> from radalt.core.returns.point import point_return
     >>> w = Waveform()
     >>> profile = RangeProfile(w)
@@ -111,10 +104,9 @@ class RangeProfile:
 
 
 class AltitudeStrip:
-    """The last seconds of several altitudes, rolling: one row per trace, newest value last.
+    """The last seconds of several altitudes, rolling: ``points`` values per trace, the newest last.
 
-    ``traces``: number of rows; ``points``: values per row; ``every``: frames per value; the others are dropped, never
-    averaged, so that an error stays visible.
+    A value is that of one frame in ``every``: the others are dropped, never averaged, so that an error stays visible.
     """
 
     def __init__(self, traces: int, points: int = 512, every: int = 20) -> None:

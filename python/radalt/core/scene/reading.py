@@ -50,11 +50,8 @@ def load_scene(name: str | Path) -> Scene:
         path = scene_path(name)
         near = did_you_mean(name, scene_names())
         data = load_yaml(path, what="scene", remedy=f"{near}give a YAML file or a shipped scene's name")
-    except (
-        OSError,
-        TypeError,
-        ValueError,
-    ) as error:  # InputError, no text, a NUL or thousands of letters in the name
+    # InputError, no text, a NUL or thousands of letters in the name
+    except (OSError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise SceneError(str(error)) from None
         reason = getattr(error, "strerror", None) or error

@@ -13,9 +13,8 @@ from ..radio.device import Device, device
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
 _MOST_ATTENUATION_DB = 150.0  # largest attenuation of a set-up, dB: beyond it no signal is above the noise
 _LEAST_LO_OFFSET_HZ = 1e4  # least LO offset but 0, Hz: megahertz or kilohertz written as hertz
-MOST_SIR_DB = (
-    20.0  # SIR above which no altitude notices the interference: a level that was meant to be negative
-)
+# SIR above which no altitude notices the interference: a level that was meant to be negative
+MOST_SIR_DB = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)

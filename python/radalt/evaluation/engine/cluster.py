@@ -1,9 +1,8 @@
 """Points of a study on a Dask cluster whose workers have this module installed and need no shared folder.
 
-The study and its files, by SHA-256, are sent once to each worker (a `WorkerPlugin`, which Dask also sends to workers
-that join later). A task is then a point. A worker measures it in a process of its own, as local workers do
-(`pool.processes`), so that a task that hangs can be ended and a crash is reported. The scheduler gives the tasks of a
-lost worker to another one, and rows are a function of study and point.
+The study and its files are sent once to each worker (a `WorkerPlugin`, which Dask also sends to workers that join
+later). A task is then a point. A worker measures it in a process of its own, as local workers do (`pool.processes`), so
+that a task that hangs can be ended and a crash is reported. The scheduler gives the tasks of a lost worker to another.
 """
 
 import asyncio
@@ -15,8 +14,10 @@ import multiprocessing
 import os
 import pickle
 import queue
+import shutil
+import tempfile
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -44,11 +45,9 @@ _GO_ON = "go on with --resume, there or without --scheduler"
 
 
 class Cluster:
-    """A connection to a scheduler, and this program's plugin on its workers.
+    """A connection to a scheduler (its address, or a scheduler file), and this program's plugin on the workers.
 
     Raises WorkerError if no scheduler answers within `CONNECT_S`, or it has no worker within `WORKERS_S`; one line.
-
-    ``scheduler``: ``tcp://host:8786`` (any address of Dask's), or the path of a scheduler file.
     """
 
     def __init__(self, scheduler: str) -> None:
@@ -124,31 +123,26 @@ class Cluster:
     def _answer(self, future: distributed.Future) -> tuple[bool, Any]:
         """(failed, outcome or message) of a finished task; raises errors that are not meant for users."""
         try:
-            reply = self._waiting(lambda: future.result(timeout=_POLL_S))
+            return pickle.loads(self._waiting(lambda: future.result(timeout=_POLL_S)))
         except distributed.KilledWorker as error:
             lost = error.allowed_failures + 1
             return True, f"{lost} workers were lost while they measured it; out of memory?"
         except (distributed.client.FutureCancelledError, OSError) as error:
             # OSError: the connection broke before its futures were cancelled
             raise self._lost(error) from None
-        return pickle.loads(reply)
 
     def _waiting(self, get: Callable[[], Any]) -> Any:
         """Result of ``get``, with a check of the cluster every `_POLL_S`."""
         without = 0.0
-        while True:
+        while without < WORKERS_S:
             try:
                 return get()
             except (queue.Empty, distributed.TimeoutError):
-                without = 0.0 if self._has_worker() else without + _POLL_S
-            if without >= WORKERS_S:
-                raise self._no_worker()
-
-    def _has_worker(self) -> bool:
-        try:
-            return bool(self._client.nthreads())
-        except (OSError, RuntimeError, asyncio.CancelledError) as error:
-            raise self._lost(error) from None
+                try:
+                    without = 0.0 if self._client.nthreads() else without + _POLL_S
+                except (OSError, RuntimeError, asyncio.CancelledError) as error:
+                    raise self._lost(error) from None
+        raise self._no_worker()
 
     def _lost(self, error: BaseException) -> WorkerError:
         return WorkerError(f"the scheduler at {self.address} was lost ({_first_line(error)}); {_GO_ON}")
@@ -178,21 +172,16 @@ class Measurer(WorkerPlugin):
         self.wanted = installed(study.needs_network)
         self.study = pickle.dumps(study)
         self.plugins = os.environ.get(PLUGINS, "")
-        self.names: dict[str, tuple[str, str]] = {}
-        self.contents: dict[str, bytes] = {}
-        for name, path in study.files().items():
-            content = path.read_bytes()
-            digest = hashlib.sha256(content).hexdigest()
-            self.names[name], self.contents[digest] = (digest, path.name), content
+        # names of files are parts of results and messages, so each has a folder of its own
+        self.contents = {name: (path.name, path.read_bytes()) for name, path in study.files().items()}
 
     async def setup(self, worker: Any) -> None:
         """Compare versions, store the files; errors reach the program that registers the plugin."""
         self.address, self.refused = worker.address, ""
-        self.folder = Path(worker.local_directory) / "radalt"
+        self.folder = Path(tempfile.mkdtemp(prefix="radalt-", dir=worker.local_directory))
         os.environ |= {PLUGINS: self.plugins, "GR_CONF_LOG_LOG_LEVEL": "warn"}
-        multiprocessing.current_process().daemon = (
-            False  # a nanny's daemon could have no processes of its own
-        )
+        # a nanny's daemon could have no processes of its own
+        multiprocessing.current_process().daemon = False
         self.processes = processes(worker.state.nthreads)
         try:
             await asyncio.to_thread(self._prepare)
@@ -201,31 +190,25 @@ class Measurer(WorkerPlugin):
             raise WorkerError(self.refused) from None
 
     def _prepare(self) -> None:
-        difference = _difference(self.wanted)
-        if difference:
-            raise WorkerError(difference)
+        here = installed("onnxruntime" in self.wanted)
+        for name, version in self.wanted.items():
+            if here.get(name) != version:
+                have = here.get(name, "none")
+                raise WorkerError(
+                    f"has {name} {have}, and this program has {version}; install the same there"
+                )
         self.files = tuple(self._files().items())
-        missing = outcome_of(
-            self.processes.schedule(_missing, (self.study, self.files), timeout=_START_S), _START_S
-        )
-        if missing:
+        call = (self.study, self.files)
+        if missing := outcome_of(self.processes.schedule(_missing, call, timeout=_START_S), _START_S):
             raise WorkerError(f"cannot load the study ({missing}); install there what it needs")
 
     def _files(self) -> dict[str, Path]:
-        """Files by their names in the study, each in a folder named by its hash."""
+        """Files by their names in the study."""
         out = {}
-        for name, (digest, file) in self.names.items():
-            path = self.folder / digest / file
-            content = path.read_bytes() if path.exists() else self.contents[digest]
-            if hashlib.sha256(content).hexdigest() != digest:
-                raise WorkerError(
-                    f"got {file} damaged: its SHA-256 is not {digest[:12]}...; repeat the command"
-                )
-            if not path.exists():
-                self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-                path.parent.mkdir(exist_ok=True)
-                path.write_bytes(content)
-            out[name] = path
+        for number, (name, (file, content)) in enumerate(self.contents.items()):
+            out[name] = self.folder / str(number) / file
+            out[name].parent.mkdir()
+            out[name].write_bytes(content)
         return out
 
     def measure(self, task: bytes, time_limit_s: float) -> bytes:
@@ -244,9 +227,10 @@ class Measurer(WorkerPlugin):
         return pickle.dumps((failed, value))
 
     async def teardown(self, worker: Any) -> None:
-        """End the processes; Dask removes the files with the worker's folder."""
+        """End the processes, remove the files."""
         self.processes.stop()
         await asyncio.to_thread(self.processes.join)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 @lru_cache(maxsize=1)
@@ -303,14 +287,3 @@ def installed(with_network: bool) -> dict[str, str]:
     for file in sorted(package.rglob("*.py")):
         digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
     return out | {"radalt source": digest.hexdigest()[:12]}
-
-
-def _difference(wanted: Mapping[str, str]) -> str:
-    """The first difference of versions in words; empty without any."""
-    here = installed("onnxruntime" in wanted)
-    for name, version in wanted.items():
-        if here.get(name) != version:
-            return (
-                f"has {name} {here.get(name, 'none')}, and this program has {version}; install the same there"
-            )
-    return ""

@@ -131,22 +131,18 @@ def _cause(exitcode: int) -> str:
 
 
 def _enter(*initialized: Semaphore) -> None:
-    """Start of a process that measures: pin it to a core, turn ``os._exit(0)`` of a user's method into a failure.
-
-    A flowgraph's threads share one interpreter, so a second core gains nothing and changes of core cost time: `none`
-    and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one. pebble takes exit status 0 for the
-    regular end of a worker, and its task would wait for the time limit. pebble sends SIGTERM right after closing the
-    pipes. A worker that is ending then ignores it, since Python without its handlers would print a traceback; pebble
-    kills a worker that does not end.
-    """
-    if hasattr(os, "sched_setaffinity"):
-        free = (core for core in sorted(os.sched_getaffinity(0)) if _claim(core))
-        core = next(free, None)
-        if core is not None:
-            os.sched_setaffinity(0, {core})
+    """Start of a process that measures: pin it to a core, and take ``os._exit(0)`` of a user's method for a failure."""
+    # A flowgraph's threads share one interpreter, so a second core gains nothing and changes of core cost time: `none`
+    # and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one.
+    cores = os.sched_getaffinity(0) if hasattr(os, "sched_setaffinity") else ()
+    if (core := next(filter(_claim, sorted(cores)), None)) is not None:
+        os.sched_setaffinity(0, {core})
+    # pebble sends SIGTERM right after closing the pipes; Python at its end, without handlers, would print a traceback
     if hasattr(signal, "pthread_sigmask"):
         atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGTERM})
-    leave = os._exit
+    leave = (
+        os._exit
+    )  # pebble takes status 0 for the regular end of a worker, and the task would wait for its limit
     os._exit = lambda status: leave(status or 1)
     for ready in initialized:
         ready.release()
@@ -156,17 +152,11 @@ _claims: list[socket.socket] = []
 
 
 def _claim(core: int) -> bool:
-    """Claim a core for this process; False if another measuring process of this machine has it.
-
-    The claim is a name in Linux's abstract socket namespace, unique per machine (or container) and released by the
-    system when the process ends. Workers of two runs, or of two Dask workers, thus use different cores. Workers
-    without a free core are not pinned.
-    """
-    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    """Claim a core by a name that Linux gives one process of the machine at a time; False if another run has it."""
+    _claims.append(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
     try:
-        claim.bind(f"\0radalt core {core}")
+        _claims[-1].bind(f"\0radalt core {core}")
     except OSError:
-        claim.close()
+        _claims.pop().close()
         return False
-    _claims.append(claim)
     return True

@@ -1,7 +1,6 @@
 """The sweep engine: points of a study to workers, rows to the result folder, at the end the report."""
 
 import contextlib
-import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -51,28 +50,33 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
         # connect first: without a cluster no folder is created
         cluster = None
         if options.scheduler:
-            cluster = stack.enter_context(contextlib.closing(_cluster(study, options.scheduler)))
-        inputs = None if cluster else _Inputs(study)  # workers elsewhere have copies
+            if study.stays_here:
+                raise WorkerError(f"--scheduler {options.scheduler}: {study.stays_here}; leave it out")
+            from .cluster import Cluster
+
+            cluster = stack.enter_context(contextlib.closing(Cluster(options.scheduler)))
+        # workers elsewhere have copies
+        inputs = {} if cluster else {path: _stamp(path) for path in study.files().values()}
         holds = partial(_holds, study, points)
         folder = RunFolder(options.out, head_of(study), resume=options.resume, holds=holds)
         stack.enter_context(contextlib.closing(folder))
         resumed = len(folder.done)
         jobs = max(1, min(options.jobs, study.max_jobs or options.jobs))
         todo = [point for name, point in points.items() if name not in folder.done]
-        outcomes = _outcomes(study.begin(folder.path), todo, options, jobs, cluster)
-        remaining = _Remaining(todo, jobs)
+        measured = _measured(study.begin(folder.path), todo, options, jobs, cluster, resumed)
         peaks: dict[int | str, int] = {}
         _write_tables(study, points, folder)
         progress(Progress(resumed, len(points), resumed, (), None, folder.rejected))
-        for count, (index, outcome) in enumerate(outcomes, start=1):
-            if inputs is not None:
-                inputs.check()
-            point = todo[index]
+        for point, outcome, state in measured:
+            for path, stamp in inputs.items():
+                if _stamp(path) != stamp:
+                    raise WorkerError(
+                        f"{path} was changed while the run read it; put it back and go on with --resume, or begin anew"
+                    )
             folder.add(point.name, outcome.rows)
             _append(study, point, folder, outcome.rows)
             peaks[outcome.process] = outcome.peak_bytes
-            shown = _own_rows(study, point, outcome.rows)
-            progress(Progress(resumed + count, len(points), resumed, shown, remaining.seconds(point)))
+            progress(state)
         facts = Run(
             jobs=len(peaks) if cluster else jobs,
             points=len(points),
@@ -95,22 +99,32 @@ def in_memory(
     """
     begin = time.monotonic()
     points, options = {point.name: point for point in study.points()}, Options(Path(), jobs=jobs)
-    found, todo, peaks = {}, list(points.values()), {}
-    remaining = _Remaining(todo, max(1, jobs))
-    outcomes = _outcomes(study.begin(options.out), todo, options, max(1, jobs), None)
-    for count, (index, outcome) in enumerate(outcomes, start=1):
-        found[todo[index].name] = outcome.rows
+    found, peaks = {}, {}
+    for point, outcome, state in _measured(
+        study.begin(options.out), [*points.values()], options, max(1, jobs)
+    ):
+        found[point.name] = outcome.rows
         peaks[outcome.process] = outcome.peak_bytes
-        shown = _own_rows(study, todo[index], outcome.rows)
-        progress(Progress(count, len(points), 0, shown, remaining.seconds(todo[index])))
+        progress(state)
     wall_s = round(time.monotonic() - begin, 3)
     facts = Run(max(1, jobs), len(points), 0, wall_s, peak_memory_bytes() + sum(peaks.values()))
     return _tables(study, points, found), facts
 
 
-def _own_rows(study: Study, point: Point, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A point's rows in its own table."""
-    return [row for row in rows if study.table_of(point, row) == point.table]
+def _measured(
+    study: Study,
+    points: Sequence[Point],
+    options: Options,
+    jobs: int,
+    cluster: "Cluster | None" = None,
+    resumed: int = 0,
+) -> Iterator[tuple[Point, Outcome, Progress]]:
+    """Every point as it is measured, and the state of the run after it, with the rows of the point's own table."""
+    remaining, total = _Remaining(points, jobs), resumed + len(points)
+    for done, (index, outcome) in enumerate(_outcomes(study, points, options, jobs, cluster), resumed + 1):
+        point = points[index]
+        shown = [row for row in outcome.rows if study.table_of(point, row) == point.table]
+        yield point, outcome, Progress(done, total, resumed, shown, remaining.seconds(point))
 
 
 def _outcomes(
@@ -162,38 +176,13 @@ def _append(study: Study, point: Point, folder: RunFolder, rows: Sequence[dict[s
                 file.write(columns.csv(mine, header=False))
 
 
-class _Inputs:
-    """Input files of a measurement, which must not change during the run."""
-
-    def __init__(self, study: Study) -> None:
-        self._held = {path: (_stamp(path), _sha256(path)) for path in study.files().values()}
-
-    def check(self) -> None:
-        """Raise if the content of a file has changed; a change of its time only is allowed."""
-        for path, (stamp, digest) in self._held.items():
-            now = _stamp(path)
-            if now == stamp:
-                continue
-            if _sha256(path) != digest:
-                raise WorkerError(
-                    f"{path} was changed while the run read it; put it back and go on with --resume, or begin anew"
-                )
-            self._held[path] = now, digest
-
-
 def _stamp(path: Path) -> tuple[int, ...]:
+    """Time and size of an input file, which must not change during a run; empty where there is none."""
     try:
         status = path.stat()
-    except OSError:
-        return ()
-    return status.st_mtime_ns, status.st_size, status.st_ino
-
-
-def _sha256(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:  # reported where the file is used
-        return ""
+        return ()
+    return status.st_mtime_ns, status.st_size
 
 
 def _holds(study: Study, points: dict[str, Point], entry: dict[str, Any]) -> bool:
@@ -203,14 +192,6 @@ def _holds(study: Study, points: dict[str, Point], entry: dict[str, Any]) -> boo
         return point is not None and all(kept_row(study, point, row) == row for row in entry["rows"])
     except (AttributeError, TypeError, ValueError, OverflowError):
         return False
-
-
-def _cluster(study: Study, scheduler: str) -> "Cluster":
-    if study.stays_here:
-        raise WorkerError(f"--scheduler {scheduler}: {study.stays_here}; leave it out")
-    from .cluster import Cluster
-
-    return Cluster(scheduler)
 
 
 class _Remaining:

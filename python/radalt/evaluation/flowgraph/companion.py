@@ -26,11 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.argv = arguments
     try:
         runpy.run_path(arguments[0], run_name="__main__")
-    except (
-        ValueError,
-        RuntimeError,
-        OSError,
-    ) as error:  # errors of this package and of UHD; others keep their traceback
+    # errors of this package and of UHD; others keep their traceback
+    except (ValueError, RuntimeError, OSError) as error:
         print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)  # UHD's have several lines
         return 2
     for error in raised:

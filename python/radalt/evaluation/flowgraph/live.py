@@ -124,10 +124,8 @@ def dress(top: Any, scene: Scene) -> None:
         top.altitude_chart.set_line_style(line, 0)
         top.altitude_chart.set_line_marker(line, marker)
     for widget in top.findChildren(Qt.QWidget):
-        if widget.property("plainText") in (
-            "Min Hold",
-            "Max Hold",
-        ):  # controls of the vector sinks, without use here
+        # controls of the vector sinks, without use here
+        if widget.property("plainText") in ("Min Hold", "Max Hold"):
             widget.hide()
     _make_room(top, Qt)
     status = StatusLine(top, scene)

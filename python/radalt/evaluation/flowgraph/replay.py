@@ -37,12 +37,10 @@ def score_recording(
 ) -> list[dict[str, Any]]:
     """Run a recording through every method's chain; write ``rows.csv`` or ``summary.json``, and ``frames.csv``.
 
-    Returns rows of `make_row` where the altitudes are known, else of `summary`. Raises RecordingError, SceneError,
-    MitigationError, FlowgraphError, one line.
-
-    ``path``: ``.sigmf-meta``; ``out``: result folder; ``scene``: needed for recordings of other programs; for those
-    of this program it replaces all but altitudes and seed; ``methods``, ``own``: as in `changed`; ``reference_m``:
-    altitude at the beginning of another program's recording. Without it, altitudes are relative to the beginning.
+    Returns rows of `make_row` where the altitudes are known, else of `summary`. ``scene`` is needed for recordings of
+    other programs; for those of this program it replaces all but altitudes and seed. ``reference_m`` is the altitude at
+    the beginning of another program's recording; without it, altitudes are relative to that. Raises RecordingError,
+    SceneError, MitigationError, FlowgraphError, one line.
     """
     capture = open_capture(path)
     placed, known = replay_scene(capture, scene)
@@ -152,7 +150,7 @@ def run_replay(
 ) -> PointResult:
     """Score every method on a recording, with the flowgraph of `prepare_replay`.
 
-    ``known``: the scene's programme is the recorded one. Otherwise timing is acquired on the first sweeps, at
+    Unless the scene's programme is ``known`` to be the recorded one, timing is acquired on the first sweeps, at
     ``reference_m``, and lock is kept for any altitude of the span.
     """
     capture = open_capture(path)

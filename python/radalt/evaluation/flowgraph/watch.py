@@ -34,10 +34,9 @@ def run_to_end(
 ) -> float:
     """Run a flowgraph that is not yet started until its stream ends or ``over`` says so; returns its wall seconds.
 
-    It has ended when the function returns or raises: FlowgraphError if it does not end within its limit, or does not
-    stop; an exception of a block's ``work``, unchanged. ``over`` is called every ``poll_s`` seconds during the run,
-    and once after its end; true ends the run. It is for endless streams, and for observation. ``too_long`` gives the
-    message for a run beyond its limit, which is the argument.
+    It has ended when the function returns or raises: FlowgraphError if it does not end within its limit (by
+    ``too_long``), or does not stop; an exception of a block's ``work``, unchanged. ``over``, for endless streams and
+    for observation, is called every ``poll_s`` seconds during the run, and once after its end.
     """
     begin = time.perf_counter()
     top.start()

@@ -81,18 +81,12 @@ def run_hardware(
     log: Callable[[str], None] = _print,
     sleep: Callable[[float], None] = time.sleep,
 ) -> PointResult:
-    """Run a scene's programme once with radios.
+    """Run a scene's programme once with radios; ``calibration``, ``use_calibration`` and ``log`` are `set_up`'s.
 
-    Raises InterlockError, FlowgraphError, CalibrationError, one line. The result's ``segmenter`` also holds
-    ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type, serial).
-
-    - ``scene``: at one point of its sweep; ``radio`` names devices, gains, enclosure
-    - ``transmit``: the command line's ``--transmit``; the interlock needs it besides the enclosure
-    - ``calibration``, ``use_calibration``, ``log``: as in `set_up`
-    - ``capture``: SigMF recording of the received samples
-    - ``silent``: transmit gates (``radar_gate``, ``jammer_gate``) that stay closed: their transmitters send zeros.
-      Without the radar no timing is found, and the run ends with its last sample.
-    - ``time_limit_s``: longest time from start to end
+    The gates of ``silent`` stay closed: their transmitters send zeros; without the radar no timing is found, and the
+    run ends with its last sample. The result's ``segmenter`` also holds ``saturated_frames``, ``tx_underflows``,
+    ``tx_late``, ``calibrated`` and ``radio`` (type, serial). Raises InterlockError, FlowgraphError, CalibrationError,
+    one line.
     """
     require_enclosure(scene, transmit)
     from gnuradio import uhd

@@ -39,10 +39,8 @@ def drive_remotely(
 ) -> dict[str, Any]:
     """Run in real time until a ``stop`` request or the event ``stop``; returns the last state.
 
-    The scene gives interference, channel and limits; its programme is not used. ``telemetry`` and ``control`` are ZMQ
-    endpoints, empty for none; ``network`` and ``keep_alive_s`` are those of `remote_control`. ``transmit`` is the
-    command line's ``--transmit``, for radios. ``log`` receives the radios' settings and the endpoints, a line each.
-    Raises InterlockError, FlowgraphError, ValueError, one line.
+    The scene gives interference, channel and limits; its programme is not used. Endpoints are ZMQ's, empty for none;
+    the other options are those of `remote_control`. Raises InterlockError, FlowgraphError, ValueError, one line.
     """
     scene = by_hand(scene)
     for name, endpoint in (("telemetry", telemetry), ("control", control)):

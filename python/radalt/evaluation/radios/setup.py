@@ -46,15 +46,11 @@ def set_up(
     log: Callable[[str], None] = print,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Ready:
-    """Set up a flowgraph with radios.
+    """Set up a flowgraph with radios: interlock, `bring_up`, limit of bursts, full scale, latency, common start.
 
-    Checks the interlock again, calls `bring_up` with its readback, limits the jammer's bursts, sets the segmenter's
-    full scale and calibration, and finally a common start time. Raises InterlockError, FlowgraphError,
-    CalibrationError, one line; nothing has been started.
-
-    ``top``: flowgraph with its UHD blocks, ``frame_segmenter`` and ``transmit`` as attributes; ``uhd``:
-    ``gnuradio.uhd``; ``calibration``: calibration file, default `calibration_path`; a latency stored for this radio,
-    clock and rate is subtracted unless ``use_calibration`` is false; ``log``: receives the readback, a line each.
+    A latency stored for this radio, clock and rate is subtracted unless ``use_calibration`` is false; ``log`` receives
+    the readback, a line each. Raises InterlockError, FlowgraphError, CalibrationError, one line; nothing has been
+    started.
     """
     require_enclosure(scene, bool(top.transmit))
     _check_blocks(top, scene)

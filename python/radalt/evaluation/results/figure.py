@@ -82,9 +82,8 @@ def save_figure(figure: Any, path: Path) -> None:
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
         for axis in axes:
-            ticks = (
-                axis._update_ticks()
-            )  # otherwise computed per format and label: a quarter of the drawing time
+            # otherwise computed per format and label: a quarter of the drawing time
+            ticks = axis._update_ticks()
             axis._update_ticks = lambda ticks=ticks: ticks
         # level 4 of zlib: half the time of the default, 2 % larger
         FigureCanvasAgg(figure).print_png(

@@ -111,9 +111,8 @@ def check_writable(option: str, path: Path) -> None:
     """Raise FolderError, one line, if a folder can be neither written into nor made; leaves nothing."""
     there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
     try:
-        tempfile.TemporaryDirectory(
-            dir=there
-        ).cleanup()  # permissions say nothing of /proc and of the user root
+        # permissions say nothing of /proc and of the user root
+        tempfile.TemporaryDirectory(dir=there).cleanup()
     except OSError as error:
         raise FolderError(
             f"{option} {path} cannot be written ({error.strerror}); name another folder"
@@ -163,25 +162,11 @@ def read_report(path: Path) -> dict[str, Any]:
 
 
 class RunFolder:
-    """The folder of one run, locked by this process.
+    """The folder of one run, locked by this process, by ``head``: everything on which a row depends.
 
-    Raises FolderError if it holds other files, another run (the first difference is named), or another process writes
-    to it.
-
-    Parameters
-    ----------
-    path : Path
-        Created if missing. It has to be new, empty, or, with ``resume``, hold this run.
-    head : dict
-        Everything on which a row depends; JSON.
-    resume : bool
-        Whether the folder may hold a part of this run.
-    replace : bool
-        Whether it may hold another result of the study, which is then replaced.
-    dry : bool
-        Check all of this and write nothing.
-    holds : callable
-        Whether an entry of the journal (``point``, ``rows``) is valid for this run.
+    It has to be new, empty, or, with ``resume``, hold this run; with ``replace`` it may hold another result of the
+    study. ``holds`` says whether an entry of the journal (``point``, ``rows``) is valid for this run. ``dry`` checks
+    all of this and writes nothing. Raises FolderError, which names the first difference to another run.
     """
 
     def __init__(
@@ -199,9 +184,8 @@ class RunFolder:
         self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         self.done: dict[str, list[dict[str, Any]]] = {}  # rows of the journal by point
-        self.rejected: list[
-            str
-        ] = []  # lines that are cut, changed or of another run; their points are measured again
+        # lines that are cut, changed or of another run; their points are measured again
+        self.rejected: list[str] = []
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
         if dry:

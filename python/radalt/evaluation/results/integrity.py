@@ -94,13 +94,10 @@ COUNTS = tuple(f.name for f in fields(Integrity))
 
 
 def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarray | float) -> Integrity:
-    """Counts of the outputs of one run, in the order of time.
+    """Counts of the (n,) outputs of one run, in the order of time, those of synchronisation left out.
 
-    - ``outputs`` (n,) structured array of `tracker.OUTPUT_DTYPE`
-    - ``truth_m`` (n,) float: True altitude at each output's time; NaN where there is no return at all: whatever is
-      computed there is wrong by every limit, and hazardous where its protection level is within the alert limit. The
-      caller leaves out outputs without a meaning, such as those of synchronisation.
-    - ``alert_limit_m`` (n,) or scalar, > 0: largest error without a warning
+    ``truth_m`` is NaN where there is no return at all: whatever is computed there is wrong by every limit, and
+    hazardous where its protection level is within the alert limit, the largest error without a warning.
     """
     truth = np.asarray(truth_m, dtype=float)
     computed = outputs["status"] == Status.NORMAL
@@ -141,10 +138,7 @@ def time_to_alert_s(
     *,
     fault_frame: int,
 ) -> float:
-    """Seconds from a fault to the end of the last hazardous output; 0 without one, infinite if the last output is.
-
-    Arguments are those of `integrity`, the seconds per frame, and the first frame with the fault.
-    """
+    """Seconds from a fault to the end of the last hazardous output; 0 without one, infinite if the last output is."""
     hazardous = is_hazardous(outputs, np.asarray(truth_m, dtype=float), alert_limit_m)
     hazardous &= outputs["frame_index"] >= fault_frame
     if not hazardous.any():
@@ -160,9 +154,8 @@ def stanford(
 ) -> np.ndarray:
     """(k, k) counts of computed outputs by error (rows) and protection level (columns): the Stanford diagram.
 
-    ``outputs``, ``truth_m``: as in `integrity`; ``edges_m`` (k + 1,) float: rising bin edges from 0; values beyond
-    the last edge count in the last bin; ``unit_m`` (n,) or scalar: unit of the edges, such as each output's alert
-    limit.
+    ``edges_m`` (k + 1,) rise from 0, in units of ``unit_m``, such as each output's alert limit; values beyond the last
+    one count in the last bin.
     """
     edges = np.asarray(edges_m, dtype=float)
     computed = outputs["status"] == Status.NORMAL

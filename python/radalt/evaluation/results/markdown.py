@@ -23,13 +23,10 @@ _NUMBER = re.compile(r"(?:[<>]=|[≤≥<>])?\s*([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?
 
 
 def to_html(text: str, figure: Callable[[str], str]) -> str:
-    """A page as HTML, without ``<html>`` and ``<head>``.
+    """A page as HTML, without ``<html>`` and ``<head>``; ``figure`` makes ``<svg>`` or ``<img>`` of a figure's file.
 
-    The script of ``page.html.j2`` sorts tables by a value in each cell: the leading number of its text, else its
-    text, which the first column always has; nothing for a dash. Links to other files become plain text.
-
-    ``text``: Markdown: blocks that begin at the start of a line, with code, bold, italics and links; ``figure``: from
-    the file of a figure to its ``<svg>`` or ``<img>``.
+    The script of ``page.html.j2`` sorts tables by a value in each cell: the leading number of its text, else its text,
+    which the first column always has; nothing for a dash. Links to other files become plain text.
     """
     return "\n".join(_block(kind, lines, figure) for kind, lines in _blocks(text))
 

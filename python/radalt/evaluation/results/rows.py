@@ -5,9 +5,12 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from ...core.parsing import InputError
 
 
 def bits(which: np.ndarray) -> str:
@@ -55,6 +58,17 @@ class Columns:
             writer.writerow(self.names)
         writer.writerows([self._text(name, row.get(name)) for name in self.names] for row in rows)
         return out.getvalue()
+
+    def read(self, path: Path, command: str) -> list[dict[str, Any]]:
+        """Rows of a CSV file that a command wrote. Raises InputError, one line, where it has other columns."""
+        try:
+            with path.open(encoding="utf-8", newline="") as file:
+                reader = csv.DictReader(file)
+                if tuple(reader.fieldnames or ()) == self.names:
+                    return [self.row({k: v or None for k, v in row.items()}) for row in reader]
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: not readable as rows ({error}); make them with {command}") from None
+        raise InputError(f"{path}: other columns than those of its rows; make them with {command}")
 
     def _text(self, name: str, value: Any) -> str:
         if value is None:

@@ -21,9 +21,8 @@ from ...core.programme import Programme
 from .proportion import clopper_pearson_bound, wilson_interval
 
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
-NEAR_SHARE = (
-    0.03  # the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
-)
+# the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
+NEAR_SHARE = 0.03
 FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
 _FT_M = 0.3048  # international foot
 
@@ -161,17 +160,9 @@ def score_frames(
 
 
 def score(results: np.ndarray, programme: Programme, truth_m: np.ndarray | None = None) -> Score:
-    """Score one method's results against the programme.
+    """Score one method's results (`RESULT_DTYPE`, in any order) against the programme, or against ``truth_m``.
 
-    Parameters
-    ----------
-    results : (n,) structured array of `RESULT_DTYPE`
-        In any order; frames outside the trials (preamble, synchronisation, past the end) and repetitions of a frame
-        index do not count.
-    programme : Programme
-        True altitudes by frame.
-    truth_m : (n,) metres, optional
-        True altitudes instead of the programme's, where altitudes were set by hand.
+    Frames outside the trials (preamble, synchronisation, past the end) and repetitions of a frame index do not count.
     """
     counted, true = trials_of(results, programme, truth_m)
     return score_frames(counted, true, lost=programme.trial_frames - len(counted))

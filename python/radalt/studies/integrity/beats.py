@@ -48,9 +48,8 @@ class Beats:
         k, middle, sweep_s = w.slope_hz_per_s, 0.5 * w.half_sweep_s, w.sweep_s
         carrier_hz = w.carrier_hz - (0.5 * w.bandwidth_hz if w.centered else 0.0) + k * middle
         rates = 2.0 / C_M_PER_S * np.array([s.rate_m_per_s, s.bend_m_per_s2])
-        for half, sign in enumerate(
-            (1.0, -1.0)
-        ):  # as in `synthesise`, by powers of the time from the block's middle
+        # as in `synthesise`, by powers of the time from the block's middle
+        for half, sign in enumerate((1.0, -1.0)):
             delay = 2.0 / C_M_PER_S * np.array([s.range_m, s.rate_m_per_s, 0.5 * s.bend_m_per_s2])
             delay[:2] -= sign * middle * rates
             slope = sign * k * delay[0] - carrier_hz

@@ -47,6 +47,7 @@ def _arguments(parser: Parser) -> None:
         20.0,
     )
     add_seed(parser, 1)
+    parser.option("--pool", "rows.csv of earlier flights, with commas, for the rates per hour", default="")
     parser.option("--replay", "fly once more and print every output", default="", metavar="CASE:SEED[:BATCH]")
 
 
@@ -57,7 +58,11 @@ def _study(args: argparse.Namespace, parser: Parser) -> "IntegrityStudy | int":
     from .study import IntegrityStudy
 
     kinds = names_of(parser, "--groups", args.groups, KINDS) if args.groups else tuple(KINDS)
-    study = IntegrityStudy(args.methods, kinds, args.frames, args.hours, args.seed, args.allowed_m_per_s)
+    earlier = tuple(Path(name) for name in args.pool.split(",") if name)
+    study = IntegrityStudy(
+        args.methods, kinds, args.frames, args.hours, args.seed, args.allowed_m_per_s, earlier
+    )
+    study.earlier()  # a file that cannot be read ends here, not after the flights
     return _replay(study, args.replay, parser) if args.replay else study
 
 

@@ -145,10 +145,7 @@ def _others(
 
 
 def _bent(share: float, source: Source, altitude_m: np.ndarray, rng: np.random.Generator) -> Source:
-    """A return whose sweep deviates from the line by at most ``share`` of its bandwidth; the receiver's does not.
-
-    The deviation is a function of frequency, as an oscillator's is: one to three waves over the band.
-    """
+    """A return whose sweep is off the line, as its oscillator's frequency is, by at most ``share`` of its bandwidth."""
     w, waves, start = WAVEFORM, int(rng.integers(1, 4)), rng.random()
     scale = share * w.bandwidth_hz * w.half_sweep_s / (2.0 * np.pi * waves)
 

@@ -31,9 +31,8 @@ _LATITUDE, _LONGITUDE = 42.0, -88.0
 # Share of the strongest scatterer's power below which one is left out: together they have a thousandth.
 _WEAKEST = 1e-5
 _HELD = 2  # blocks with the same scatterers and attitude
-TIMES_S = (
-    np.arange(BLOCK) + 0.5 - 0.5 * BLOCK
-) * WAVEFORM.sweep_s  # frames' middles, from that of their block
+# frames' middles, from that of their block
+TIMES_S = (np.arange(BLOCK) + 0.5 - 0.5 * BLOCK) * WAVEFORM.sweep_s
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.page import write_result
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
-from .cases import ATTITUDES, BLOCK, KINDS, LONG, LONGER, STRATA, WAVEFORM, case_of, stratum_of
-from .columns import BY_KIND, EVENTS, FRAMES, POOLED
+from .cases import ATTITUDES, BLOCK, KINDS, LONG, STRATA, WAVEFORM, case_of, stratum_of
+from .columns import BY_KIND, EVENTS, FRAMES, POOLED, ROWS
 from .study import IntegrityStudy
 
 Row = Mapping[str, Any]
@@ -86,24 +86,28 @@ def write_report(
     from .figures import draw_land, draw_sir, draw_stanford
 
     rows = tables["rows"]
+    flown = [*study.earlier(), *rows]
     by_case = pooled(rows, lambda r: (r["case"], r["method"]))
     events = events_of(rows, study)
     by_kind = _by_kind(rows)
     folder.write_text("cases.csv", POOLED.csv(map(POOLED.row, by_case)))
     folder.write_text("kinds.csv", BY_KIND.csv(map(BY_KIND.row, by_kind)))
     folder.write_text("events.csv", EVENTS.csv(events))
+    folder.write_text("flights.csv", ROWS.csv(flown))
     draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
     draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
-    land = [r for r in by_case if r["kind"] == "land"]
+    land = pooled([r for r in flown if r["kind"] == "land"], lambda r: (r["case"], r["method"]))
     draw_land(land, folder.path / "figures" / "integrity_land.png")
     short = [r for r in by_kind if r["kind"] not in LONG]
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
     report = {"headline": _headline(rows, by_case, default), "hazardous": len(events), "events": events}
     values = {
         "flight_s": study.frames * WAVEFORM.sweep_s,
-        "long_s": study.frames * LONGER * WAVEFORM.sweep_s,
-        "hours": _hours_of([r for r in rows if r["kind"] in LONG]),
-        "hours_table": _hours_table(rows),
+        "hours": _hours_of([r for r in flown if r["kind"] in LONG]),
+        "hours_table": _hours_table(flown),
+        "hours_behind": {
+            m: _hours_of([r for r in flown if r["method"] == m])["hours"] for m in study.methods
+        },
         "attitude_table": _attitude_table(land),
         "kind_table": _kind_table([r for r in short if not r["known_limit"]]),
         "outside_table": _kind_table([r for r in short if r["known_limit"]]),
@@ -117,15 +121,13 @@ def write_report(
 
 
 def _claim(rows: Sequence[Row]) -> dict[str, Any]:
-    """Numbers of outputs and flights, of hazardous ones, and the 95 % bounds of both rates.
-
-    Outputs of a flight are not independent, hence the second; a flight counts once for all methods.
-    """
+    """Outputs and flights, hazardous ones of each, 95 % bounds; outputs of a flight are not independent."""
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
     flights = {(r["case"], r["batch"]) for r in rows}
     wrong = {(r["case"], r["batch"]) for r in rows if r["hazardous"]}
     return {
         "outputs": total.outputs,
+        "silent": total.outputs - total.computed,
         "hazardous": total.hazardous,
         "bound": total.bound("hazardous"),
         "flights": len(flights),

@@ -6,6 +6,7 @@ import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -144,6 +145,7 @@ class IntegrityStudy(ChainStudy):
     hours: float = 0.0  # least flight hours in all; 0 flies every case once
     seed: int = 1
     allowed_m_per_s: float = 20.0  # vertical speed that altimeter and tracker allow; up to 10 m/s are flown
+    pool: tuple[Path, ...] = ()  # rows of earlier flights with other seeds, which count in the rates per hour
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": ROWS}
     published: ClassVar[Mapping[str, str]] = {
@@ -151,6 +153,7 @@ class IntegrityStudy(ChainStudy):
         "cases.csv": "data/integrity.csv",
         "kinds.csv": "data/integrity_kinds.csv",
         "events.csv": "data/integrity_events.csv",
+        "flights.csv": "data/integrity_flights.csv",
         "figures/integrity_stanford.png": "figures/integrity_stanford.png",
         "figures/integrity_sir.png": "figures/integrity_sir.png",
         "figures/integrity_land.png": "figures/integrity_land.png",
@@ -168,8 +171,12 @@ class IntegrityStudy(ChainStudy):
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        known = {name: value for name, value in super().head().items() if name != "hours"}
+        known = {name: value for name, value in super().head().items() if name not in ("hours", "pool")}
         return known | {"tracker": dataclasses.asdict(TRACKER)}
+
+    def earlier(self) -> list[dict[str, Any]]:
+        """Rows of the flights in `pool`; raises InputError, one line, where a file has none."""
+        return [row for path in self.pool for row in ROWS.read(path, "radalt integrity")]
 
     def points(self) -> Sequence[IntegrityPoint]:
         """The first flight of every case, then the second, and so on; cases in an order that mixes the kinds."""

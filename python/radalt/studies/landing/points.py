@@ -146,11 +146,9 @@ def impaired(
     overlap: float = 0.0,
     sir_db: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frames with noise and interference, and the SIR and SINR they have.
+    """Frames (n, looks, N) with noise and interference, and the SIR and SINR (n,) that they have.
 
     Powers are averaged over the whole frame and refer to the *expected* return (mean over speckle).
-
-    Returns ``frames`` (n, looks, N) complex64; ``sir_db``, ``sinr_db`` (n,).
     """
     n, looks, samples = truth.frames.shape
     noise_w = 10.0 ** (-truth.snr_db / 10.0)

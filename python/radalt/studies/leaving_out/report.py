@@ -17,10 +17,7 @@ from .study import LeavingOutStudy
 
 
 def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any]]:
-    """An entry per scene: medians pruned and with all built, their ratios, and whether the results are identical.
-
-    ``frames`` : frames at each altitude, as measured.
-    """
+    """An entry per scene: medians pruned and with all built, their ratios, and whether the results are identical."""
     out = []
     for name in dict.fromkeys(r["scene"] for r in rows):
         mine = [r for r in rows if r["scene"] == name]

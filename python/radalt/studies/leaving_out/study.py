@@ -29,10 +29,7 @@ def prepare_unpruned(build_dir: Path) -> Prepared:
 
 
 def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
-    """CPU seconds, peak memory and a digest of the results of the scene's methods, in this process.
-
-    ``built`` : ``pruned`` or ``all``.
-    """
+    """CPU seconds, peak memory, digest of a scene's results; ``built``: ``pruned`` or ``all``; in this process."""
     scene = scene_of(name, frames)
     with tempfile.TemporaryDirectory() as folder:
         if built == "all":

@@ -22,11 +22,9 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
     """CPU seconds per frame of each block's function, by the block's name, and of the network's bare graph.
 
     The functions of a flowgraph's own blocks are called one after the other on the same frames: sources, channel and
-    altimeters with 64 frames, the network with ``batch``. With a tracker instead of an altimeter, ``tracker_METHOD``
-    is what it does beyond an altimeter, and ``received_METHOD`` the spectra of its second input.
-
-    ``prepared``: of `prepare_benchmark`, without a process of its own for the network; ``batch``: frames per call of
-    the network; ``frames``: frames made; the first 64 are not timed.
+    altimeters with 64 frames, the network with ``batch``; the first 64 frames are not timed. With a tracker instead of
+    an altimeter, ``tracker_METHOD`` is what it does beyond an altimeter, and ``received_METHOD`` the spectra of its
+    second input.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     n = scene.waveform.samples_per_frame

@@ -38,11 +38,7 @@ class _Source(gr.sync_block):
 
 
 def gateway_seconds(samples: int, *, count: int = 6, frames: int = 2000) -> float:
-    """CPU seconds per frame of a chain of ``count`` Python blocks that copy, between a source and a null sink.
-
-    ``samples``: samples of a frame; the rings are as long as those of the flowgraph's blocks; ``count``, ``frames``:
-    blocks of the chain, frames through it.
-    """
+    """CPU seconds per frame of ``count`` Python blocks that copy, between a source and a null sink."""
     top = gr.top_block()
     chain = [_Source(samples, frames), *(_Copy(samples) for _ in range(count)), blocks.null_sink(8 * samples)]
     top.connect(*chain)

@@ -126,11 +126,9 @@ def long_scene(scene: Scene, seconds: float) -> Scene:
 
 
 def fly_benchmark(prepared: Prepared, scene: Scene, *, realtime: bool, time_limit_s: float) -> Measurement:
-    """Run once, watching threads and memory from outside the signal path.
+    """Run once, watching threads and memory from outside the signal path; FlowgraphError if it does not end in time.
 
-    ``prepared``: of `prepare_benchmark`; ``scene``: its programme's length is the run's; ``realtime``: whether the
-    channel holds the samples to their rate; then frames are dropped where a method is too slow, as on the air;
-    ``time_limit_s``: longest wall time. Raises `FlowgraphError` if the run does not end in time.
+    With ``realtime``, the channel holds the samples to their rate, and frames are dropped where a method is too slow.
     """
     gc.collect()  # frees the rings of an earlier flowgraph, which would count as memory of this one
     top = make_top(prepared, scene, drop_when_slow=int(realtime))

@@ -34,10 +34,8 @@ def _bound_m(method: str) -> float:
 def step_limit(spread: float) -> dict[str, Any]:
     """Largest stable step of block LMS, measured by bisection, against ``2 / lambda_max(X^H X)``.
 
-    ``lambda_max`` is the largest eigenvalue of the block's mean Gram matrix: ``block`` times that of the covariance
-    (S. Haykin, Adaptive Filter Theory, 4th ed., sec. 7.4).
-
-    ``spread``: spread of the input's spectrum, as in `coloured_noise`.
+    ``lambda_max`` is the largest eigenvalue of the block's mean Gram matrix: ``block`` times that of the covariance (S.
+    Haykin, Adaptive Filter Theory, 4th ed., sec. 7.4). ``spread`` as in `coloured_noise`.
     """
     waveform, length, block = Waveform(), 32, 100
     rng = np.random.default_rng(int(np.log10(spread)))

@@ -98,9 +98,8 @@ class Approach:
             # rise from the mast to the aircraft, or to its image in the ground
             for rise_m, share in ((height_m - mast_m, 1.0), (-height_m - mast_m, -self.ground_reflection)):
                 up = np.arctan2(rise_m, apart_m) + np.radians(s.tilt_deg) * np.cos(azimuth)
-                nadir = np.arctan2(
-                    apart_m, rise_m * np.sign(share)
-                )  # both rays arrive from below the aircraft
+                # both rays arrive from below the aircraft
+                nadir = np.arctan2(apart_m, rise_m * np.sign(share))
                 gains = max(float(profile.antenna.gain(nadir, 0.0)), floor) * pattern.gain(
                     np.pi / 2 - up, azimuth
                 )

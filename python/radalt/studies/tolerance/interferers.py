@@ -29,9 +29,8 @@ _BLOCKER_BANDWIDTH_HZ = 98e6
 _UNWANTED_DBC_PER_HZ = -28.4 - 65.0 - 79.9  # 79.9 dB: the 98 MHz that the carrier occupies
 _TDD = Bursts(5e-3, 0.74)  # a common pattern of 5 ms, downlink in 52 of 70 symbols
 _OWN_APART_HZ = 10e6  # centres of the aircraft's own altimeters
-_FOREIGN_DBM = (
-    -71.0
-)  # another aircraft's at 200 m, 0 dBi each way and 6 dB of cables: 26 - 91 - 6 dBm (assumed)
+# another aircraft's at 200 m, 0 dBi each way and 6 dB of cables: 26 - 91 - 6 dBm (assumed)
+_FOREIGN_DBM = -71.0
 
 # What each mechanism outside the band costs is seen by switching it off: numbers of a profile as good as none.
 THRESHOLD = "threshold on power"

@@ -80,9 +80,8 @@ def pooled(rows: Sequence[Mapping[str, Any]], highest_dbm: int = HIGHEST_DBM) ->
     )
 
 
-Groups = Mapping[
-    tuple[str, str, str, str, float], Pooled
-]  # profile, mechanisms, method, interferer, altitude
+# profile, mechanisms, method, interferer, altitude
+Groups = Mapping[tuple[str, str, str, str, float], Pooled]
 
 
 def grouped(rows: Sequence[Mapping[str, Any]], profiles: Sequence[Profile]) -> Groups:

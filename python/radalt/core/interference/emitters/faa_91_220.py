@@ -112,14 +112,7 @@ class FaaMask(NamedEmitter):
     `samples` gives Gaussian noise of mean power 1, flat over the receiver's band as the table is over 4200-4400 MHz;
     place it at `report().sir_db` to put the radar in the field strength of the table.
 
-    Raises
-    ------
-    ValueError
-        One line with the value, the limit and the remedy.
-    Example
-    -------
-    >>> report = FaaMask(altitude_ft=200.0).report()
-    >>> round(report.in_band_dbm, 1)
+    >>> round(FaaMask(altitude_ft=200.0).report().in_band_dbm, 1)
     -70.3
     """
 

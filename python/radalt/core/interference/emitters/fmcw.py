@@ -23,17 +23,8 @@ class FmcwEmitter(NamedEmitter):
     """Another FMCW radio altimeter: linear sweeps, phase-continuous, band-limited by the radar's receiver.
 
     Frequency in a period: from carrier - B/2 up to carrier + B/2 in the up part, back in the rest. The phase is the
-    integral of the frequency, so a period need not hold a whole number of cycles.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range, or (from `samples`) the sweep misses the band or needs over 64 times the radar's
-        rate.
-    Example
-    -------
-    >>> other = FmcwEmitter(sweep_bandwidth_hz=132e6, sweep_period_s=2e-3, carrier_hz=5e6)
-    >>> window = other.samples(7500, 7.5e6, np.random.default_rng(1))
+    integral of the frequency, so a period need not hold a whole number of cycles. A sweep that misses the band, or
+    needs over 64 times the radar's rate, raises `ValueError` when samples are made.
     """
 
     scene_name: ClassVar[str] = "fmcw"

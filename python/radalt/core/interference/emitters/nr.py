@@ -46,12 +46,9 @@ def ofdm_modulate(
 ) -> np.ndarray:
     """CP-OFDM, TS 38.211 clause 5.3.1: s(t) = sum_k a_k exp(j 2 pi (k - N_sc/2) df (t - N_CP T_c - t_start)).
 
-    - ``values`` (complex (subcarriers, symbols), whole slots, first column at the start of a subframe),
-      ``fft_length`` (samples of a symbol's useful part, >= subcarriers, a multiple of 128; rate / spacing),
-      ``spacing_hz`` (15e3 or 30e3)
-
-    Returns complex128 (15 fft_length per slot of 15 kHz,), not scaled: mean power is the sum over k of |a_k|^2.
-    Raises `ValueError` if the grid is wider than the transform or holds no whole slots.
+    ``values`` (subcarriers, symbols) are whole slots from the start of a subframe on; ``fft_length``, a multiple of
+    128, is rate / spacing. Returns complex128 (15 fft_length per slot of 15 kHz,), whose mean power is the sum of
+    |a_k|^2.
     """
     subcarriers, symbols = values.shape
     if subcarriers > fft_length:

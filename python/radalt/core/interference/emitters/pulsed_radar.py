@@ -21,13 +21,7 @@ from . import NamedEmitter, register
 @register
 @dataclass(frozen=True, kw_only=True)
 class PulsedRadarEmitter(NamedEmitter):
-    """A coherent pulsed radar: pulses with raised-cosine edges, plain or linear FM, behind the radar's filter.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range, or (from `samples`) the pulse needs over 64 times the radar's rate.
-    """
+    """A coherent pulsed radar: pulses with raised-cosine edges, plain or linear FM, behind the radar's filter."""
 
     scene_name: ClassVar[str] = "pulsed_radar"
     unit_power: ClassVar[bool] = True

@@ -120,9 +120,8 @@ class QpskEmitter(NamedEmitter):
             if self.pulse == "rectangular":
                 start, index = _held_index(first, count, rate, offset)
                 sent = symbols(start, int(index[-1]) + 1)
-                if (
-                    not self.carrier_hz
-                ):  # the carrier phase is applied to symbols, which are fewer than samples
+                # the carrier phase is applied to symbols, which are fewer than samples
+                if not self.carrier_hz:
                     return np.take(sent * rotation, index)
                 baseband = sent[index]
             else:

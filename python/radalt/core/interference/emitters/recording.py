@@ -30,16 +30,8 @@ _FOLDED = 1e-7
 class RecordingEmitter(NamedEmitter):
     """Samples of a file behind the radar's receiver filter: emitter protocol, mean power 1.
 
-    Raises
-    ------
-    ValueError
-        One line: what is missing or does not fit; the file's content is checked by `samples`.
-
-    Notes
-    -----
-    A recording contains the noise of its receiver, which demodulation cannot remove. An estimate of it becomes a note
-    of the report, next to licence, author and description from the metadata. The file is opened when samples are
-    first needed.
+    The file is opened and checked when samples are first needed. It contains the noise of its receiver, which
+    demodulation cannot remove; an estimate of it is a note of the report, next to licence, author and description.
     """
 
     scene_name: ClassVar[str] = "recording"

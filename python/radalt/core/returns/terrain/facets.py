@@ -48,16 +48,11 @@ class GroundGrid(Settings, where="ground"):
     def facets(
         self, state: AircraftState, terrain: TerrainModel, off_nadir_rad: float, beam_rad: float | None = None
     ) -> Facets:
-        """Facets within an angle off nadir.
+        """Facets of a cone around nadir, ``off_nadir_rad`` (below 80 degrees) its half angle.
 
-        - ``state``: where the antenna is
-        - ``terrain``: heights below it
-        - ``off_nadir_rad``: half angle of the cone around nadir that is sampled, below 80 degrees
-        - ``beam_rad``: half angle that sets the cell size; default ``off_nadir_rad``. Given apart, so that the size
-          does not change with the attitude of the aircraft.
-
-        Raises `TerrainError` if the aircraft is below ground or lower than `MIN_HEIGHT_M`, or terrain is missing in
-        the footprint.
+        ``beam_rad``, the half angle that sets the cell size, is given apart, so that the size does not change with the
+        attitude of the aircraft. Raises `TerrainError` if the aircraft is lower than `MIN_HEIGHT_M`, or terrain is
+        missing.
         """
         ground_m = float(terrain.height_m(state.latitude_deg, state.longitude_deg))
         height = state.altitude_m - ground_m

@@ -11,12 +11,10 @@ from .trajectory import AircraftState, Trajectory
 
 @dataclass(frozen=True)
 class LandingProfile:
-    """A flight sampled in a number of frames, evenly in time.
+    """A flight sampled in a number of frames, evenly in time from the middle of the first to that of the last.
 
     With fewer frames than the flight has sweeps it is a time lapse: each frame is exact in itself (delay, Doppler,
     speckle), and frames that are more than ``sweep_s`` of flight apart are not coherent with each other.
-
-    ``start_s``, ``end_s``: instants of the middle of the first and the last frame.
     """
 
     radar: TerrainReturn  # antenna, ground and link over terrain

@@ -50,9 +50,8 @@ class TerrainReturn:
     """
 
     terrain: TerrainModel  # `Terrain` of DTED cells, or `FlatTerrain`
-    waveform: Waveform = field(
-        default_factory=Waveform
-    )  # the sweep; its ``carrier_hz`` sets wavelength and Doppler
+    # the sweep; its ``carrier_hz`` sets wavelength and Doppler
+    waveform: Waveform = field(default_factory=Waveform)
     antenna: Antenna = field(default_factory=GaussianAntenna)  # one pattern for both directions
     ground: Reflectivity = field(default_factory=reflectivity)  # sigma0 by incidence
     link: RadarLink = field(default_factory=RadarLink)  # powers and losses

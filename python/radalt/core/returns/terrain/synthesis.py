@@ -26,18 +26,15 @@ def synthesise(
     *,
     frame_index: int = 0,
 ) -> np.ndarray:
-    """(N,) complex128 frame of point scatterers.
+    """(N,) complex128 frame of n point scatterers.
 
     Neglected: range walk within a half sweep beyond its effect on the beat frequency (a phase of ``pi k rate T_h^2 /
-    2c``, 2e-3 rad at 70 m/s) and, in the transitions, range differences inside a bin and Doppler over ``tau``.
-    Against the sum of whole sweeps the error is below -45 dB for an airliner's approach.
+    2c``, 2e-3 rad at 70 m/s) and, in the transitions, range differences inside a bin and Doppler over ``tau``. Against
+    the sum of whole sweeps the error is below -45 dB for an airliner's approach.
 
-    - ``waveform``: the sweep
-    - ``amplitude`` (n,) complex: received amplitude of each scatterer, without its carrier phase ``-2 pi f_c tau``,
-      which is added here
-    - ``range_m`` (n,) float: ranges at the middle of the frame, within 0 and a quarter of the sweep's range
-    - ``range_rate_m_per_s`` (n,) float: range rates, positive receding
-    - ``frame_index``: sweep number; matters only where ``B T_h`` is not whole and the sweep is not centred
+    ``amplitude`` (n,) is without the carrier phase ``-2 pi f_c tau``, which is added here; ``range_m`` (n,), at the
+    middle of the frame, within a quarter of the sweep's range; ``range_rate_m_per_s`` (n,) positive receding;
+    ``frame_index`` matters only where ``B T_h`` is not whole and the sweep is not centred.
     """
     amplitude, range_m = np.asarray(amplitude, dtype=complex), np.asarray(range_m, dtype=float)
     tau = 2.0 * range_m / C_M_PER_S
@@ -63,11 +60,7 @@ def synthesise(
 def _half_sweep(
     waveform: Waveform, amplitude: np.ndarray, tau: np.ndarray, rate: np.ndarray, down: bool
 ) -> np.ndarray:
-    """Echo relative to the reference over one half sweep, every scatterer taken as already in that half.
-
-    Up: ``-(f0 + f_c) tau - k tau t + k tau^2 / 2`` cycles; down, with ``w = T_sw - t``: ``-(f0 + f_c) tau - k tau w -
-    k tau^2 / 2``; ``tau`` linear in time, expanded about the middle of the half.
-    """
+    """Echo relative to the reference over one half sweep, every scatterer taken as already in that half."""
     k, middle = waveform.slope_hz_per_s, 0.5 * waveform.half_sweep_s
     f0 = -0.5 * waveform.bandwidth_hz if waveform.centered else 0.0
     sign = -1.0 if down else 1.0
@@ -126,12 +119,7 @@ def _transition(
     down: bool,
     first: np.ndarray,
 ) -> np.ndarray:
-    """Echo relative to the reference at samples ``first`` of a half, where some scatterers' echoes belong to the half
-    before.
-
-    There the echo's frequency stays within ``k tau`` of the turning point, so scatterers of one range bin share their
-    modulation once the turning point's own phase is applied exactly.
-    """
+    """Echo relative to the reference at samples ``first`` of a half, where some echoes belong to the half before."""
     half_s = waveform.half_sweep_s
     f0 = -0.5 * waveform.bandwidth_hz if waveform.centered else 0.0
     edge_hz = f0 + waveform.bandwidth_hz if down else f0

@@ -12,9 +12,8 @@ from ...paths import extra
 from .geodesy import curvature_radii_m
 
 VOID_M = -32767  # elevation that marks a post without data (MIL-PRF-89020B, 3.11.2)
-_DEEPEST_M = (
-    -12000
-)  # below it a post is a negative in two's complement, which some producers write for sign and size
+# below it a post is a negative in two's complement, which some producers write for sign and size
+_DEEPEST_M = -12000
 _MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
 
 
@@ -66,11 +65,10 @@ class DtedCell:
 
     @classmethod
     def load(cls, path: Path | str, *, void: str = "error") -> "DtedCell":
-        """Read a DTED file of level 0, 1 or 2 through the `dted` library.
+        """Read a DTED file of level 0, 1 or 2 through the `dted` library; ``void``: ``"error"`` or ``"fill"``.
 
-        ``path``: the file; ``void``: ``"error"`` keeps voids, and a query that needs one raises; ``"fill"`` fills
-        each with the value of the nearest post that has data. Raises `TerrainError` if the file is missing, damaged
-        (header, length or checksum), or holds nothing but voids.
+        A query that needs a void raises, unless voids are filled from the nearest post that has data. Raises
+        `TerrainError` if the file is missing, damaged (header, length or checksum), or holds nothing but voids.
         """
         dted = extra("dted")
 
