@@ -138,6 +138,7 @@ class Altimeter(BeatSpectra):
         inner = self.beat_hz[margin : self.beat_hz.size - margin]
         allowed = np.nonzero((inner >= self.search_hz[0]) & (inner <= self.search_hz[1]))[0]
         self._first, self._last = int(allowed[0]), int(allowed[-1]) + 1
+        self._searched = np.arange(self._first, self._last)
         self.peak_curve = peak_curve(shape, step)
         self._flank, self._side_lobes = self._lobe_limits(shape, step)
 
@@ -318,8 +319,9 @@ class Altimeter(BeatSpectra):
     def _peak_to_sidelobe_db(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """(n,) main lobe, to its first zeros, over the strongest cell next to it, in the range profile."""
         margin = self.cfar.margin
-        profile = power[..., margin + self._first : margin + self._last].sum(axis=1)
-        apart = np.abs(np.arange(self._first, self._last) - pair.mean(axis=1)[:, None])
+        power = power[..., margin + self._first : margin + self._last]
+        profile = power[:, 0] + power[:, 1]
+        apart = np.abs(self._searched - 0.5 * (pair[:, :1] + pair[:, 1:]))
         inside = apart <= _FIRST_ZERO[self.settings.window] * self._per_resolution
         main = np.where(inside, profile, 0.0).max(axis=1)
         others = np.where(inside, 0.0, profile).max(axis=1)
