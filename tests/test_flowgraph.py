@@ -414,10 +414,3 @@ def test_run_button_ends_with_1_and_a_line_where_a_block_fails(tmp_path):
     done = run_button(module)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == "failing: the third rail is missing"
-
-
-def test_run_button_ends_with_0_where_nothing_fails_and_hands_arguments_on(tmp_path):
-    module = tmp_path / "fine.py"
-    module.write_text("import sys\nprint(__name__, *sys.argv[1:])\n")
-    done = run_button(module, "--frames", "3")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "__main__ --frames 3\n", "")
