@@ -1,7 +1,6 @@
 """`import radalt`: the names one would guess, without GNU Radio, with the flowgraph's own rows."""
 
 import dataclasses
-import functools
 import re
 import sys
 
@@ -205,12 +204,6 @@ def test_ctrl_c_is_one_line_that_says_what_is_kept(tmp_path, monkeypatch, capsys
 
 def stop():
     raise KeyboardInterrupt
-
-
-def lambda_named(name):
-    function = functools.partial(halves)
-    function.__name__ = name
-    return function
 
 
 def short(frames, waveform):
