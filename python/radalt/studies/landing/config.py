@@ -14,13 +14,7 @@ from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
-from ...core.returns.terrain import (
-    AircraftState,
-    TerrainError,
-    TerrainReturn,
-    Trajectory,
-    reflectivity,
-)
+from ...core.returns.terrain import AircraftState, TerrainError, TerrainReturn, Trajectory, reflectivity
 from ...core.scene import interference_from_yaml, interferer_to_mapping
 from ...core.text import one_line
 from ...core.waveform import Waveform
