@@ -402,13 +402,4 @@ class Report:
 
 _AXES = ("sir_db", "overlap")
 _SHOWN = ("method", "overlap", "sir_db", "snr_db", "trials", "pd", "pd_low", "pd_high", "rmse_forced_m")
-_BREAK_POINTS = (
-    "method",
-    "interference",
-    "overlap",
-    "snr_db",
-    "text",
-    "low_db",
-    "high_db",
-    "protection_gain",
-)
+_BREAK_POINTS = "method interference overlap snr_db text low_db high_db protection_gain".split()

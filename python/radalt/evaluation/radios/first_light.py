@@ -428,7 +428,7 @@ def report(folder: RunFolder, checks: Sequence[Check]) -> str:
             if c.step == name
         ]
         cells = [[cell.replace("|", "/") for cell in row] for row in cells]
-        parts[STEPS[name].title] = table(("measured", "value", "limit", "verdict", "likely cause"), cells)
+        parts[STEPS[name].title] = table("measured | value | limit | verdict | likely cause", cells)
     page = {"title": folder.head["source"], "verdict": verdict, "parts": parts}
     page["run"] = {"command": "radalt first-light"}
     return f"{verdict}\n{write_pages(folder, Path(__file__).with_suffix('.md.j2'), page)}"

@@ -187,14 +187,12 @@ class ApproachStudy(Study):
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `Study`."""
         save_figure(draw_approach(rows["rows"]), folder.path / "approach.png")
-        header = "altimeter|to the threshold, m|altitude, ft|power, dBm|breaks at, dBm|NORMAL|tracked, ft|failed".split(
-            "|"
-        )
+        header = "altimeter | to the threshold, m | altitude, ft | power, dBm | breaks at, dBm | NORMAL | tracked, ft"
         lines = [
             [r["profile"], *(DASH if r[k] is None else f"{r[k]:.1f}" for k in _NUMBERS), r["failed"]]
             for r in rows["rows"]
         ]
-        values = {"approach": self.approach, "place_table": table(header, lines)}
+        values = {"approach": self.approach, "place_table": table(f"{header} | failed", lines)}
         return write_result(folder, Path(__file__).with_name("approach.md.j2"), run.as_dict(), rows, values)
 
 
