@@ -43,7 +43,6 @@ class tcae(MitigationBlock):
     ) -> None:
         known = scene.method_options.get("tcae") or {}
         switches = {"model": model, "skip_clean": skip_clean, "own_process": own_process}
-        own = {"batch": batch, "threads": known.get("threads", threads)} | {
-            k: v for k, v in switches.items() if v
-        }
+        own = {"batch": batch, "threads": known.get("threads", threads)}
+        own |= {k: v for k, v in switches.items() if v}
         super().__init__("radalt_tcae", method_of(scene, "tcae", own), batch)

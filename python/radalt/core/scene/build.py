@@ -23,10 +23,8 @@ from .scene import Scene
 def sweeps_of(scene: Scene) -> SentSweeps:
     """Transmitted sweeps of the radar."""
     synthetic = scene.altitude.mode == "synthetic"
-    silent = scene.return_model == "none"
-    return SentSweeps(
-        scene.waveform, SentAltitudes(scene.altitude.programme), synthetic=synthetic, silent=silent
-    )
+    sent, silent = SentAltitudes(scene.altitude.programme), scene.return_model == "none"
+    return SentSweeps(scene.waveform, sent, synthetic=synthetic, silent=silent)
 
 
 def jammer_of(scene: Scene) -> JammerStream:

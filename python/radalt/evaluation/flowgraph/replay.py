@@ -68,9 +68,8 @@ def score_recording(
     _draw(result, placed, out / "altitude.png", relative=relative)
     notes = [*capture.notes]
     if relative:
-        notes.append(
-            f"{path}: altitudes are relative to its first sweeps; state their altitude with --reference-m"
-        )
+        remedy = "state their altitude with --reference-m"
+        notes.append(f"{path}: altitudes are relative to its first sweeps; {remedy}")
     for note in notes:
         print(note, file=sys.stderr)
     if not known:

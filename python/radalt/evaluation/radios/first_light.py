@@ -20,13 +20,7 @@ import numpy as np
 from ...core.channel.settings import ChannelSettings
 from ...core.radio.interlock import require_enclosure
 from ...core.radio.levels import drive
-from ...core.radio.path_measures import (
-    clipped_percent,
-    db,
-    mean_power,
-    ripple_db,
-    strongest_lines,
-)
+from ...core.radio.path_measures import clipped_percent, db, mean_power, ripple_db, strongest_lines
 from ...core.radio.recording import open_capture
 from ...core.scene import Scene, scene_to_mapping
 from ...core.text import said

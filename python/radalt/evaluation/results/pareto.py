@@ -34,9 +34,8 @@ def draw_pareto(
     front = pareto(points)
     for name, gain_of in free.items():  # no place on a logarithmic axis
         axis.axhline(gain_of, color="0.4", ls=":", gid=f"series {name}")
-        axis.text(
-            0.01, gain_of, f"{name}: no cost", transform=axis.get_yaxis_transform(), va="bottom", fontsize=9
-        )
+        place = {"transform": axis.get_yaxis_transform(), "va": "bottom", "fontsize": 9}
+        axis.text(0.01, gain_of, f"{name}: no cost", **place)
     if points:
         steps = zip(*(points[name] for name in front), strict=True)
         axis.plot(*steps, color="0.7", drawstyle="steps-post", zorder=1)

@@ -120,10 +120,8 @@ def _truth(config: LandingConfig, times: tuple[float, ...]) -> Truth:
     for k, time_s in enumerate(times):
         looks = _returns(config, time_s + offsets)
         frames[k] = [r.frame / np.sqrt(r.power_w) for r in looks]
-        rows.append(
-            [np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")]
-        )
-        rows[-1].append(looks[0].snr_db if config.snr_db is None else config.snr_db)
+        means = [np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")]
+        rows.append([*means, looks[0].snr_db if config.snr_db is None else config.snr_db])
     height, nearest, climb, snr = np.array(rows).reshape(-1, 4).T
     return Truth(frames, height, nearest, climb, snr, np.array(times))
 
@@ -161,9 +159,8 @@ def impaired(
         frames[k] += noise * np.float32(np.sqrt(0.5 * noise_w[k]))
         if jam_w[k] > 0:
             placed = [dataclasses.replace(i, overlap=overlap) for i in config.interference]
-            jam = interference_frames(
-                placed, looks, samples, config.waveform.rate_hz, rng, total_sir_db=-10.0 * np.log10(jam_w[k])
-            )
+            rate_hz, total_db = config.waveform.rate_hz, -10.0 * np.log10(jam_w[k])
+            jam = interference_frames(placed, looks, samples, rate_hz, rng, total_sir_db=total_db)
             frames[k] += jam.astype(np.complex64)
     with np.errstate(divide="ignore"):
         return frames, -10.0 * np.log10(jam_w), -10.0 * np.log10(jam_w + noise_w)

@@ -74,9 +74,8 @@ def draw(runs: Mapping[str, Mapping[str, float]], path: Path) -> None:
     for k, (title, cost) in enumerate(runs.items()):
         y = [b + width * (k - 0.5 * (len(runs) - 1)) for b in range(len(blocks))]
         label = f"{title}, {sum(cost.values()):.0f} together"
-        axis.barh(
-            y, [cost.get(b, 0.0) for b in blocks], width, color=_COLOURS[k % len(_COLOURS)], label=label
-        )
+        lengths, colour = [cost.get(b, 0.0) for b in blocks], _COLOURS[k % len(_COLOURS)]
+        axis.barh(y, lengths, width, color=colour, label=label)
     axis.set_yticks(range(len(blocks)), blocks, fontsize=9)
     axis.invert_yaxis()
     axis.set_xlabel("CPU time per frame / FFTs of the frame")
@@ -112,9 +111,8 @@ def _blocks(runs: Mapping[str, Mapping[str, Any]]) -> str:
         columns["function alone"] = first["ffts_alone_by_block"]
     columns["calls per frame"] = first["calls_per_frame_by_block"]
     cost = first["ffts_per_frame_by_block"]
-    blocks = sorted(
-        dict.fromkeys(b for values in columns.values() for b in values), key=lambda b: -cost.get(b, 0.0)
-    )
+    each = dict.fromkeys(b for values in columns.values() for b in values)
+    blocks = sorted(each, key=lambda b: -cost.get(b, 0.0))
     return table(["block", *columns], [[b, *(number(v.get(b)) for v in columns.values())] for b in blocks])
 
 

@@ -118,9 +118,8 @@ def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> str:
     """Lines of the cases and chains that did not pass, then of the checks; empty if all passed."""
     bad = [r for r in tables["rows"] if r["verdict"] in ("WRONG", "FAIL")]
     found = [r["reasons"] if r["wrong"] is None else f"{r['wrong']} of {r['frames']} wrong" for r in bad]
-    lines = sorted(
-        ([r["chain"], r["case"], what] for r, what in zip(bad, found, strict=True)), key=lambda x: x[0]
-    )
+    lines = [[r["chain"], r["case"], what] for r, what in zip(bad, found, strict=True)]
+    lines.sort(key=lambda line: line[0])
     for line in failures(tables | {"rows": []}):
         check, _, verdict = line.rpartition(": ")
         chain, _, case = check.rpartition(": ")
@@ -168,9 +167,8 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     chains = _by_chain(rows)
     groups = [group for group in _GROUPS if any(r["group"] == group for r in rows)]
     figure = new_figure(7.0, 1.7 + 0.25 * len(chains))
-    for axis, group in zip(
-        figure.subplots(1, len(groups), sharey=True, squeeze=False)[0], groups, strict=True
-    ):
+    axes = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
+    for axis, group in zip(axes, groups, strict=True):
         for y, mine in enumerate(chains.values()):
             count, *found = _verdicts([r for r in mine if r["group"] == group])
             left = 0.0
