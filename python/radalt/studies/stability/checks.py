@@ -66,13 +66,8 @@ def step_limit(spread: float) -> dict[str, Any]:
 
 
 def _check(name: str, value: float, bound: float, unit: str) -> dict[str, Any]:
-    return {
-        "check": name,
-        "value": value,
-        "bound": bound,
-        "unit": unit,
-        "verdict": "pass" if value <= bound else "FAIL",
-    }
+    verdict = "pass" if value <= bound else "FAIL"
+    return {"check": name, "value": value, "bound": bound, "unit": unit, "verdict": verdict}
 
 
 def long_run_rows() -> Iterator[dict[str, Any]]:
@@ -92,13 +87,8 @@ def long_run_rows() -> Iterator[dict[str, Any]]:
         "float64 phase of 1e9 samples at 1 Hz of 7.5 MS/s, reduced", _float_drift(np.float64), 1e-6, "cycles"
     )
     drift = _float_drift(np.float32)
-    yield {
-        "check": "the same in float32, which is why nothing here is",
-        "value": drift,
-        "bound": None,
-        "unit": "cycles",
-        "verdict": "shown",
-    }
+    name = "the same in float32, which is why nothing here is"
+    yield {"check": name, "value": drift, "bound": None, "unit": "cycles", "verdict": "shown"}
 
 
 def _float_drift(dtype: type) -> float:

@@ -220,16 +220,7 @@ def altered(profile: Profile, mechanisms: str) -> Profile:
 
 _TEXT = ("profile", "mechanisms", "interferer", "method", "ground", "first")
 _BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
-_STATED = (
-    "altitude_ft",
-    "seed",
-    "outputs",
-    "output_s",
-    "loop_loss_db",
-    "return_dbm",
-    "unlock_loss_db",
-    "first",
-)
+_STATED = "altitude_ft seed outputs output_s loop_loss_db return_dbm unlock_loss_db first".split()
 COLUMNS = Columns(
     (*_TEXT[:5], *_STATED, *_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"),
     text=frozenset(_TEXT),
