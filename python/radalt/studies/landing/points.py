@@ -255,17 +255,13 @@ def _summary_rows(
     return rows
 
 
-def assumed_methods(config: LandingConfig) -> tuple[str, ...]:
-    """Methods of the sensitivity table."""
-    return tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
-
-
 def _assumption_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
     assumption = next(a for a in ASSUMPTIONS if a.name == point.assumption)
     changed = assumption.change(config)
     truth = trial_frames(changed, point.frames)
     level = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db + assumption.shift_db}
     # one seed for the whole table: rows differ by their assumption, not by their random numbers
-    rows = _summary_rows(changed, truth, _seed(config, "variant"), assumed_methods(config), **level)
+    methods = tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
+    rows = _summary_rows(changed, truth, _seed(config, "variant"), methods, **level)
     overlap = config.approach.overlap if changed.interference else 0.0
     return [row | {"assumption": point.assumption, "overlap": overlap} for row in rows]

@@ -125,9 +125,7 @@ def _approach_lines(entries: Sequence[Row]) -> str:
         where = r["condition"], r["band"], r["trials"], number(r["detections"] / r["trials"])
         speed = f"{number(r['speed_bias_m_per_s'], 1)} ± {number(r['speed_bias_error_m_per_s'], 1)}"
         rows.append((*where, *_accuracy(r, metres(r["rmse_forced_m"])), speed))
-    return table(
-        f"{header} | RMSE all frames / m | bias / m | vertical speed error (mean ± s.e.) / (m/s)", rows
-    )
+    return table(f"{header} | RMSE all / m | bias / m | vertical speed error (mean ± s.e.) / (m/s)", rows)
 
 
 def _sensitivity_lines(entries: Sequence[Row]) -> str:

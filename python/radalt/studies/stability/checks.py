@@ -148,18 +148,13 @@ def determinism_rows(method: str) -> Iterator[dict[str, Any]]:
         name = f"{method}: batches of {', '.join(map(str, batches))} against one of 12"
         yield _check(name, _difference(altitudes_of(method, batches), whole), bound, "m")
     for threads in (1, 2):
-        other, said = _altitudes_in_process(method, threads)
+        try:
+            other, said = call_apart(__name__, "altitudes_of", method, threads=threads), ""
+        except WorkerError as error:
+            other, said = [], f"FAIL {error}"
         name = f"{method}: a process of {threads} {'thread' if threads == 1 else 'threads'}"
         row = _check(name, _difference(other, whole), bound, "m")
-        yield row | ({"verdict": f"FAIL {said}"} if said else {})
-
-
-def _altitudes_in_process(method: str, threads: int) -> tuple[list[float], str]:
-    """`altitudes_of` in a process of its own, and its message if it failed."""
-    try:
-        return call_apart(__name__, "altitudes_of", method, threads=threads), ""
-    except WorkerError as error:
-        return [], str(error)
+        yield row | ({"verdict": said} if said else {})
 
 
 def _difference(one: Sequence[float], other: Sequence[float]) -> float:

@@ -57,8 +57,9 @@ def write_report(
     rows = tables["rows"]
     _draw(rows, folder.path / "figures" / "stability.png")
     folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
+    lines = [[chain, mine[0]["precision"], *_verdicts(mine)] for chain, mine in _by_chain(rows).items()]
     values = {
-        "counts": _counts(rows),
+        "counts": table(["chain", "precision", "rows", *_COLOURS], lines),
         "failed_checks": len(failures(tables | {"rows": []})),
         "group_table": _group_table(rows),
         "not_passed": _not_passed(tables),
@@ -76,11 +77,6 @@ def _verdicts(rows: Sequence[dict[str, Any]]) -> list[int]:
 def _by_chain(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     chains = dict.fromkeys(r["chain"] for r in rows)
     return {chain: [r for r in rows if r["chain"] == chain] for chain in chains}
-
-
-def _counts(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [[chain, mine[0]["precision"], *_verdicts(mine)] for chain, mine in _by_chain(rows).items()]
-    return table(["chain", "precision", "rows", *_COLOURS], lines)
 
 
 def by_group(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -176,7 +176,8 @@ class Trial:
             density, weak = sum(added.values()) / p.noise_mw_per_hz, gain.weak
             rest: np.ndarray | float = 0.0
             if self.kind.bursts is not None:
-                time_s = self.burst_s + self._times_s(part)
+                frames = np.arange(len(self.noise[0]))[part, None]
+                time_s = self.burst_s + (frames * p.waveform.sweep_s + p.waveform.sample_times_s)
                 on = self.kind.bursts.on(time_s)
                 weak = self.kind.bursts.gain(time_s, gain.weak, p.recovery_s)
                 through = gain.own**2 * 10 ** (self.kind.at_amplifier_dbm(p, level_dbm) / 10)
@@ -195,12 +196,6 @@ class Trial:
             peak = np.abs(blocks.view(np.float32)).max(axis=1)
             rms = np.maximum(rms, peak * 10 ** (-p.headroom_db / 20))
         return p.converter(y, np.repeat(rms, p.sweeps_per_output)[:, None])
-
-    def _times_s(self, part: slice) -> np.ndarray:
-        """(k, N) times of the samples of a slice of frames."""
-        w = self.profile.waveform
-        frames = np.arange(len(self.noise[0]))[part, None]
-        return frames * w.sweep_s + w.sample_times_s
 
 
 @lru_cache(maxsize=4)
