@@ -2,6 +2,7 @@
 
 import csv
 import importlib.util
+import json
 import os
 import pkgutil
 import re
@@ -107,7 +108,9 @@ def test_every_page_is_in_the_site_once(root, site):
     named = re.findall(r"- (?:\w+: )?([\w./-]+\.md)$", (root / "mkdocs.yml").read_text(), re.MULTILINE)
     named += [f"{file}.md" for files in config["extra"]["pages"].values() for file in files[1:]]
     assert sorted(named) == sorted(
-        str(page.relative_to(root / "docs")) for page in (root / "docs").rglob("*.md")
+        str(page.relative_to(root / "docs").with_suffix(".md"))
+        for kind in ("*.md", "*.ipynb")
+        for page in (root / "docs").rglob(kind)
     )
 
 
@@ -151,9 +154,13 @@ def test_the_papers_table_is_that_of_its_rows(root):
 
 
 def _rmse_in_the_papers_case(rows):
-    """Of no mitigation, the paper's network and ours."""
-    found = {r["method"]: r for r in rows if r["interferer"] == "qpsk_rectangular_sinr_-15"}
-    return [f"{float(found[method]['rmse_forced_m']):.2f}" for method in ("none", "paper", "compact")]
+    """Of no mitigation, the paper's network and ours, at a SINR of -15 dB."""
+    found = {
+        r["entry"]: r
+        for r in rows
+        if (r["case"], r["overlap"]) == ("qpsk_sinr", "1") and float(r["sir_db"]) < -14
+    }
+    return [f"{float(found[entry]['rmse_forced_m']):.2f}" for entry in ("none", "tcae_paper", "tcae")]
 
 
 def _worst_in_noise(rows):
@@ -234,7 +241,7 @@ def _what_guarding_costs(rows):
         (
             ("docs/tcae.md",),
             r"errs\s+by ([\d.]+) m\D*?paper's network(?:\s|[^.])*?by ([\d.]+) m(?:\s|[^.])*?by ([\d.]+) m",
-            "tcae_comparison",
+            "paper",
             _rmse_in_the_papers_case,
         ),
         (
@@ -336,6 +343,9 @@ SNIPPETS = {
     if "FirstFlowgraph" not in code and "from .study" not in code
 }
 
+NOTEBOOK = json.loads((ROOT / "docs/notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+SNIPPETS["notebook"] = "\n".join("".join(c["source"]) for c in NOTEBOOK if c["cell_type"] == "code")
+
 
 @pytest.mark.parametrize("name", SNIPPETS)
 def test_a_snippet_runs_as_a_file_as_printed(name, tmp_path, monkeypatch, capfd):
@@ -349,7 +359,11 @@ def test_a_snippet_runs_as_a_file_as_printed(name, tmp_path, monkeypatch, capfd)
         return
     monkeypatch.chdir(tmp_path)
     runpy.run_path("snippet.py", run_name="__main__")
-    assert capfd.readouterr().err == ""
+    said = capfd.readouterr()
+    assert said.err == ""
+    if name == "notebook":
+        stored = [text for c in NOTEBOOK for out in c.get("outputs", ()) for text in out.get("text", ())]
+        assert said.out == "".join(stored), "run: jupyter nbconvert --execute --inplace docs/notebook.ipynb"
 
 
 @pytest.mark.parametrize(

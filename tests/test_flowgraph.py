@@ -256,8 +256,7 @@ def trial_errors(result, scene, method: str = "none") -> np.ndarray:
     return rows["altitude_m"] - programme.altitude_m(rows["frame_index"])
 
 
-@pytest.mark.parametrize("mode", ["synthetic", "true_delay"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("mode", "seed"), [("synthetic", 1), ("true_delay", 2)])
 def test_altitude_is_right_from_three_metres_to_fifteen_hundred(clear, mode, seed):
     """Issue 2: no interference, 20 dB SNR, unknown start offset with its fraction: RMSE below 0.5 m."""
     altitude = {"programme_m": np.geomspace(1500, 3, 10).tolist(), "frames": 5, "mode": mode}

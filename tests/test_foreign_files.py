@@ -17,7 +17,6 @@ from radalt.core.returns.terrain import Terrain
 from radalt.core.sigmf_file import open_sigmf
 from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import make_recording
-from radalt.evaluation.engine.options import check_ours
 from radalt.evaluation.results.figure import new_figure, save_figure
 from radalt.evaluation.results.folder import FolderError, RunFolder, write_json
 
@@ -135,14 +134,3 @@ def test_what_a_command_has_not_written_is_kept(module, name, tmp_path):
     assert_refused(status, error)
     assert f"{name} exists, and this program has not written it; move it away" in error
     assert (tmp_path / name).read_text() == "mine"
-
-
-def test_what_a_command_has_written_is_written_anew_but_not_through_a_link(tmp_path):
-    mine, out = tmp_path / "mine", tmp_path / "x.sigmf-meta"
-    for _ in range(2):
-        make_recording.write(out, np.zeros(10, complex), 1e6, "zeros")
-        check_ours(out, make_recording.AUTHOR)
-    out.rename(mine)
-    out.symlink_to(mine)
-    with pytest.raises(FileExistsError, match="has not written it"):
-        check_ours(out, make_recording.AUTHOR)

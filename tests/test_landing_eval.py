@@ -90,20 +90,6 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path, un
     assert len(_rows(one / "approach.csv")) == 24
 
 
-def test_a_worker_elsewhere_needs_only_the_files_that_travel(root, tmp_path):
-    """Other folders, other names: the same rows."""
-    study = LandingStudy(_config(root, methods=("none", "tcae"), approach=landing.ApproachSpec(2)))
-    point = study.points()[0]
-    copies = {}
-    for k, (name, path) in enumerate(study.files().items()):
-        copies[name] = tmp_path / f"{k}{path.suffix}"
-        shutil.copy(path, copies[name])
-    assert set(copies) == {"trajectory", "terrain 0", "terrain 1", "tcae model"}
-    moved = study.with_files(copies)
-    assert all(path.parent == tmp_path for path in moved.files().values())
-    assert moved.measure(point) == study.measure(point)
-
-
 @pytest.mark.parametrize("name", ["landing_terrain", "leakage"])
 def test_a_scene_states_the_content_of_its_files_wherever_they_lie(name, tmp_path):
     study = OverlapStudy(dataclasses.replace(load_scene(name), methods=("none",)))

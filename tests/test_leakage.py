@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pmt
 import pytest
-from test_tracker import noise
+from frames import noise
 
 from radalt.blocks.frame_segmenter import frame_segmenter
 from radalt.core.altimeter.altimeter import AltimeterSettings, shared_altimeter

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from frames import white
 from gnuradio import blocks, gr, radalt
 
 from radalt.core.mitigation import MitigationError, OwnProcess, create
@@ -20,9 +21,8 @@ W = Waveform()
 def received(count, seed=1):
     """Frames of a return under a strong tone, in noise."""
     rng = np.random.default_rng(seed)
-    white = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
     tone = 5 * np.exp(2j * np.pi * (0.1 * np.arange(W.samples_per_frame) + rng.random((count, 1))))
-    return (W.beat_shifted(250.0) + tone + 0.2 * white).astype(np.complex64)
+    return (W.beat_shifted(250.0) + tone + 0.3 * white(rng, count)).astype(np.complex64)
 
 
 @pytest.fixture

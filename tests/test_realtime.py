@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 import realtime_benchmark
+from frames import white
 from pages import assert_whole
 
 from radalt.core.mitigation import create
@@ -19,12 +20,6 @@ from radalt.studies.realtime.study import at_rate, fly_benchmark, long_scene, pr
 
 W = Waveform()
 PLAIN = {"batch": 1, "skip_clean": False, "own_process": False}
-
-
-def frames(count, noise=0.2, seed=1):
-    rng = np.random.default_rng(seed)
-    white = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
-    return (W.beat_shifted(250.0) + noise * white).astype(np.complex64)
 
 
 @pytest.mark.parametrize("realtime", [False, True])
@@ -93,7 +88,7 @@ def test_a_core_that_is_held_up_from_outside_is_seen():
 def test_clean_frames_skip_the_network_and_others_do_not():
     method = create("tcae", W, skip_clean=True)
     always = create("tcae", W)
-    clean = frames(3)
+    clean = (W.beat_shifted(250.0) + 0.3 * white(np.random.default_rng(1), 3)).astype(np.complex64)
     interfered = clean.copy()
     interfered[1, 1000:3000] += 8.0
     out = method.process(interfered)

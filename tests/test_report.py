@@ -256,17 +256,6 @@ def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_pa
     assert (tmp_path / "all" / "pd_vs_overlap.png").stat().st_size > 10_000
 
 
-def test_runs_that_swept_the_sir_alone_are_drawn_against_it(tmp_path, undrawn):
-    swept = SweepSpec(overlap=(1.0,), sir_db=(-10.0, -20.0, -28.0))
-    page, _ = collect([finished(tmp_path / "a", scene_of(sweep=swept))], tmp_path / "all")
-    text = page.read_text(encoding="utf-8")
-    assert text.startswith("# Pd against SIR, 1 run\n") and "pd_vs_sir.png" in text
-    assert "pd_vs_overlap" not in text
-    collect([finished(tmp_path / "b", scene_of())], tmp_path / "all")
-    drawn = sorted(f.name for f in (tmp_path / "all").glob("pd_vs_*.png"))
-    assert drawn == ["pd_vs_overlap.png", "pd_vs_runtime.png"]
-
-
 def test_methods_of_two_folders_are_compared_on_the_frames_of_both(tmp_path, undrawn):
     """Equal seeds are equal frames; by the made-up law 30 of 150 are right without mitigation, 120 behind tcae."""
     a = finished(tmp_path / "a", scene_of(methods=("none",)), {"none": {}})

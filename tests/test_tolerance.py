@@ -287,12 +287,6 @@ def test_a_blockers_modulation_reaches_the_leakage_before_the_gain_falls(isolati
     assert risen(at_dbm + 1.0)
 
 
-def test_the_tracker_takes_the_same_frames():
-    row = broken("bench", "white_noise", 1000.0)
-    assert 28.0 < row["break_dbm_per_mhz"] - row["return_dbm"] < 34.0
-    assert row["wrong_dbm"] is None
-
-
 # -- the command --------------------------------------------------------------------------------------------------
 
 

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from frames import noise
 
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.interference.emitters.nr import NrEmitter
@@ -22,12 +23,6 @@ N = W.samples_per_frame
 ALTIMETER = Altimeter(W, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=20.0))
 FAST = Altimeter(W, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=150.0))
 T = 0.001  # s, a frame
-
-
-def noise(rng, frames: int, snr_db: float) -> np.ndarray:
-    """Complex white noise under a return of unit amplitude."""
-    rails = rng.standard_normal((frames, N, 2), dtype=np.float32)
-    return rails.view(np.complex64)[..., 0] * np.float32(10.0 ** (-snr_db / 20.0) / np.sqrt(2.0))
 
 
 def returns(rng, altitude_m, speed: float = 0.0) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..results.figure import new_figure, save_figure, say
+from ..results.figure import COLUMN_IN, new_figure, save_figure, say
 from ..results.pareto import draw_pareto
 from ..results.score import CORRECT_LIMIT_M, pool
 from ..results.style import series_style
@@ -19,7 +19,7 @@ from .altitudes import ERRORS_M, groups
 from .panels import Row, common, panels, series_of, spread
 
 _PD_LABEL = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
-_WIDTH = 3.5  # width of a panel, inches: the column of a two-column page
+_TWO_IN = 7.3  # width of two panels, inches: that of a page of print
 _MOST_PANELS = (
     6  # of altitudes and of errors: two rows; altitudes.csv has all SIRs, and each panel takes 0.3 s
 )
@@ -293,10 +293,10 @@ def _tips(rows: Sequence[Row], name: str, against: str, words: Callable[[Row], s
 
 
 def _grid(count: int, against: str, *, shown: bool) -> tuple[Any, list[Any]]:
-    """A figure with ``count`` panels, two in a row: as wide as a column of print holds at its type."""
+    """A figure with ``count`` panels, two in a row: one alone is legible at 400 px."""
     columns = min(count, 2)
     lines = -(-count // columns)
-    figure = new_figure(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5, dpi=200, shown=shown)
+    figure = new_figure(COLUMN_IN if count == 1 else _TWO_IN, 2.9 * lines + 1.5, dpi=200, shown=shown)
     axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
     for axis in axes[count:]:
         axis.set_visible(False)
