@@ -20,9 +20,7 @@ from .panels import Row, common, panels, series_of, spread
 
 _PD_LABEL = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
 _TWO_IN = 7.3  # width of two panels, inches: that of a page of print
-_MOST_PANELS = (
-    6  # of altitudes and of errors: two rows; altitudes.csv has all SIRs, and each panel takes 0.3 s
-)
+_MOST_PANELS = 6  # of altitudes and of errors: altitudes.csv has all SIRs, and each panel takes 0.3 s
 _GREY = {"color": "#999999", "lw": 0.8, "zorder": 0}  # lines for comparison
 
 

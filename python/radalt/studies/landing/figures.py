@@ -30,11 +30,9 @@ def draw_figures(
 
     ``whole`` are the entries of `report.approach_table` for the whole approach.
     """
-    names = []
-    if rows["approach"]:
-        names.append(_approach(config, rows["approach"], whole, folder))
-        names.append(_range_time(config, folder))
-    return names
+    if not rows["approach"]:
+        return []
+    return [_approach(config, rows["approach"], whole, folder), _range_time(config, folder)]
 
 
 def _approach(config: LandingConfig, rows: Sequence[Row], whole: Sequence[Row], folder: Path) -> str:
@@ -53,7 +51,8 @@ def _approach(config: LandingConfig, rows: Sequence[Row], whole: Sequence[Row], 
     bottom.set(xlabel=f"Pd: share within {CORRECT_LIMIT_M:g} m, 95 % interval", xlim=(-0.02, 1.02))
     bottom.set_title(f"SIR {config.approach.sir_db:g} dB, overlap {config.approach.overlap:g}", fontsize=10)
     bottom.grid(color="0.9")
-    return _save(figure, folder, "figure_1_approach.png")
+    save_figure(figure, folder / "figure_1_approach.png")
+    return "figure_1_approach.png"
 
 
 def _error_over_height(rows: Sequence[Row], axis: Any) -> None:
@@ -109,9 +108,5 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     axes[0].set_ylabel("range / m")
     figure.supxlabel("time / s", fontsize=10)
     figure.colorbar(picture, ax=axes, label="power / dB of the peak")
-    return _save(figure, folder, "figure_1_range_time.png")
-
-
-def _save(figure: Any, folder: Path, name: str) -> str:
-    save_figure(figure, folder / name)
-    return name
+    save_figure(figure, folder / "figure_1_range_time.png")
+    return "figure_1_range_time.png"
