@@ -385,14 +385,12 @@ class Report:
 
     def __str__(self) -> str:
         """Ten lines at most: title, break-points or points, as many as fit, and the page."""
-        name, rows = next(
-            (n, r) for n, r in (("break_points()", self.break_points()), ("table", self.table)) if len(r)
-        )
+        parts = (("break_points()", self.break_points()), ("table", self.table))
+        name, rows = next((name, rows) for name, rows in parts if len(rows))
         lines = [self.content["title"].replace("\n", ", "), *str(rows[:5]).splitlines()]
         more = len(rows) - 5
-        lines += [f"and {more} more: report.{name}"] * (more > 0) + (
-            [] if self.folder is None else [str(self.html)]
-        )
+        lines += [f"and {more} more: report.{name}"] * (more > 0)
+        lines += [] if self.folder is None else [str(self.html)]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -402,13 +400,4 @@ class Report:
 
 _AXES = ("sir_db", "overlap")
 _SHOWN = ("method", "overlap", "sir_db", "snr_db", "trials", "pd", "pd_low", "pd_high", "rmse_forced_m")
-_BREAK_POINTS = (
-    "method",
-    "interference",
-    "overlap",
-    "snr_db",
-    "text",
-    "low_db",
-    "high_db",
-    "protection_gain",
-)
+_BREAK_POINTS = "method interference overlap snr_db text low_db high_db protection_gain".split()
