@@ -116,16 +116,6 @@ def test_a_page_has_the_table_of_the_stored_rows(root, page, name, view):
     assert made in (root / f"docs/{page}.md").read_text("utf-8")
 
 
-def test_the_page_of_two_channels_gives_the_stored_rows(root):
-    page = (root / "docs/two-channels.md").read_text("utf-8")
-    rows = [row for row in read_rows(stored_rows("two_channels")) if row["overlap"] == 1]
-    for label, *curve in (("noise", "noise", "none"), ("the same, 5 MHz 5G", "second_nr5", "tcae")):
-        pd = [r["pd"] for r in rows if [r["case"], r["entry"]] == curve and r["sir_db"] <= -40]
-        assert f"|{label}|{'|'.join(f'{p:.3g}' for p in pd)}|\n" in page
-    deep = [row for row in rows if row["sir_db"] == -50 and row["entry"] == "none"]
-    assert all(row["pd"] == 1 for row in deep if not re.match(r"second|\w+_one", row["case"]))
-
-
 def test_stored_rows_can_be_measured_again():
     """Rows as stored, which notices a change of emitters, channel, receiver or method."""
     cases, rows = load_list("standard"), read_rows(stored_rows("standard"))

@@ -13,7 +13,7 @@ import pytest
 from frames import white
 from gnuradio import blocks, gr, radalt
 from PIL import Image
-from waiting import ran_python
+from waiting import patient, ran_python
 
 from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
 from radalt.core.mitigation import METHODS, create
@@ -86,7 +86,7 @@ def test_altitude_by_hand_starts_after_the_preamble():
     source = radalt.fmcw_chirp_source(scene, altitude_m=300.0, frames=preamble + 2)
     sink = blocks.vector_sink_c()
     top.connect(source, sink)
-    run_to_end(top, time_limit_s=60)
+    run_to_end(top, time_limit_s=patient(60))
     sweeps = np.array(sink.data()).reshape(-1, N)
     np.testing.assert_allclose(sweeps[:preamble], np.tile(W.beat_shifted(0.0), (preamble, 1)), atol=1e-6)
     np.testing.assert_allclose(sweeps[preamble:], np.tile(W.beat_shifted(300.0), (2, 1)), atol=1e-6)
@@ -142,7 +142,7 @@ def test_simulated_radios_keep_to_the_sample_rate(monkeypatch):
     source = blocks.vector_source_c([0j] * (50 * N))
     channel = radalt.simulated_channel(load_scene("paper_qpsk"), jammer=False, realtime=True)
     top.connect(source, channel, blocks.null_sink(gr.sizeof_gr_complex))
-    run_to_end(top, time_limit_s=60)
+    run_to_end(top, time_limit_s=patient(60))
     assert 0.8 * 50 * W.sweep_s < now[0] - 100.0 <= 50 * W.sweep_s
 
 

@@ -6,8 +6,6 @@ Everything is read from the ONNX files themselves, without PyTorch and without t
 import hashlib
 import os
 import re
-import subprocess
-import sys
 from functools import cache
 from math import prod
 
@@ -16,6 +14,7 @@ import pytest
 from frames import returns, right
 from google.protobuf.empty_pb2 import Empty
 from google.protobuf.unknown_fields import UnknownFieldSet
+from waiting import ran_python
 
 from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
@@ -228,5 +227,5 @@ def test_a_run_tells_nobody_and_leaves_nothing(root, tmp_path):
     telling = {"ORT_DISABLE_TELEMETRY", "CI", "XDG_CACHE_HOME"}
     environ = {name: value for name, value in os.environ.items() if name not in telling}
     environ |= {"TMPDIR": str(tmp_path), "HOME": str(tmp_path), "PYTHONPATH": str(root / "python")}
-    subprocess.run([sys.executable, "-c", code], env=environ, check=True, timeout=120)
+    assert ran_python("-c", code, env=environ).returncode == 0
     assert list(tmp_path.rglob("*")) == []

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from frames import white
 from gnuradio import blocks, gr, radalt
+from waiting import patient
 
 from radalt.core.mitigation import MitigationError, OwnProcess, create
 from radalt.core.scene import load_scene
@@ -127,7 +128,7 @@ def test_in_a_flowgraph(tmp_path):
     source = blocks.vector_source_c(frames.reshape(-1).tolist(), vlen=W.samples_per_frame)
     network, sink = radalt.tcae(scene, own_process=True), blocks.vector_sink_c(W.samples_per_frame)
     top.connect(source, network, sink)
-    run_to_end(top, time_limit_s=60)
+    run_to_end(top, time_limit_s=patient(60))
     np.testing.assert_array_equal(np.array(sink.data(), np.complex64).reshape(wanted.shape), wanted)
     assert network.status()["frames"] == 21
     assert network.milliseconds().size == 21

@@ -11,6 +11,7 @@ import pytest
 import realtime_benchmark
 from frames import white
 from pages import assert_whole
+from waiting import patient
 
 from radalt.core.mitigation import create
 from radalt.core.scene import load_scene
@@ -30,7 +31,7 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
     )
     assert scene.altitude.programme.trial_frames == 400
     prepared = prepare_benchmark(scene, ("none", "whitening"), tmp_path, realtime=realtime, **PLAIN)
-    result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=50)
+    result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=patient(50))
     total = scene.altitude.programme.total_frames
     for count in result.frames.values():
         assert total <= count + result.dropped_frames <= total + 3
@@ -50,7 +51,7 @@ def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path):
     """Rings of long frames hold several."""
     scene = long_scene(at_rate(load_scene("clear"), 56e6), 0.2)
     prepared = prepare_benchmark(scene, ("none",), tmp_path, realtime=True, **PLAIN)
-    result = fly_benchmark(prepared, scene, realtime=True, time_limit_s=50)
+    result = fly_benchmark(prepared, scene, realtime=True, time_limit_s=patient(50))
     total = scene.altitude.programme.total_frames
     assert result.frames["none"] > 10
     assert total <= result.frames["none"] + result.dropped_frames <= total + 3

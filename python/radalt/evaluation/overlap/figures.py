@@ -19,9 +19,7 @@ from .altitudes import ERRORS_M, groups
 from .panels import Row, common, panels, series_of, spread
 
 _WIDTH_IN = {1: COLUMN_IN, 2: 7.3, 3: 9.3}  # by panels in a row; two are as wide as a page of print
-_MOST_PANELS = (
-    6  # of altitudes and of errors: two rows; altitudes.csv has all SIRs, and each panel takes 0.3 s
-)
+_MOST_PANELS = 6  # of altitudes and of errors: altitudes.csv has all SIRs, and each panel takes 0.3 s
 _GREY = {"color": "#999999", "lw": 0.8, "zorder": 0}  # lines for comparison
 _LIMIT = (CORRECT_LIMIT_M, "5 m, limit of Pd", ":")
 _Line = tuple[float, str, str]  # value, label and style of a line for comparison
