@@ -214,9 +214,17 @@ def altered(profile: Profile, mechanisms: str) -> Profile:
 
 
 _BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
-_STATED = "profile mechanisms interferer method ground altitude_ft seed outputs output_s loop_loss_db return_dbm".split()
+_STATED = "profile mechanisms interferer method ground altitude_ft seed outputs output_s loop_loss_db".split()
 COLUMNS = Columns(
-    (*_STATED, "unlock_loss_db", "first", *_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels")
+    (
+        *_STATED,
+        "return_dbm",
+        "unlock_loss_db",
+        "first",
+        *_BREAK,
+        *(f"{name}_dbm" for name in CRITERIA),
+        "levels",
+    )
 )
 
 
