@@ -45,17 +45,17 @@ class RepeatedFrames:
 
     def check(self, marks: np.ndarray) -> np.ndarray:
         """(n,) bool: which of these frames repeat an earlier one; ``marks`` is (n, ...) of any kind of number."""
-        marks = np.ascontiguousarray(marks)
-        again = np.zeros(len(marks), dtype=bool)
-        for k, mark in enumerate(marks):
-            word = mark.tobytes()
-            again[k] = self._count - self._seen.get(word, -self._memory - 1) <= self._memory
-            self._seen[word] = self._count
-            self._count += 1
-        if len(self._seen) > 2 * self._memory:
-            oldest = self._count - self._memory
-            self._seen = {word: number for word, number in self._seen.items() if number >= oldest}
-        return again
+        return np.array([self.again(mark.tobytes()) for mark in marks], dtype=bool)
+
+    def again(self, word: bytes) -> bool:
+        """Whether the next frame, whose marks are the bytes ``word``, repeats an earlier one."""
+        count, seen = self._count, self._seen
+        repeats = count - seen.get(word, -self._memory - 1) <= self._memory
+        seen[word] = count
+        self._count += 1
+        if len(seen) > 2 * self._memory:
+            self._seen = {word: number for word, number in seen.items() if number > count - self._memory}
+        return repeats
 
 
 class RepeatedNoise:
