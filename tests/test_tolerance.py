@@ -235,11 +235,10 @@ def test_fitted_profiles_break_where_published_tests_have_it(name, feet, low_dbm
     assert name != "typical" or -9.0 < 20 * np.log10(weak) < -3.0
 
 
-@pytest.mark.parametrize(("interferer", "level_dbm"), [("nr10", -46.0), ("tone", -45.0)])
-def test_a_second_channel_takes_out_what_both_receive_and_leaves_the_return(interferer, level_dbm):
-    trials = [Trial(load_profile("poor"), interferer, m, 20, 1) for m in ("none", "auxiliary_cancel")]
+def test_a_second_channel_takes_out_what_both_receive_and_leaves_the_return():
+    trials = [Trial(load_profile("poor"), "nr10", m, 20, 1) for m in ("none", "auxiliary_cancel")]
     back = trials[0].returns(200.0)
-    fails = [any(judged(*trial.outputs(back, level_dbm), 200 * FT, 0.06).values()) for trial in trials]
+    fails = [any(judged(*trial.outputs(back, -46.0), 200 * FT, 0.06).values()) for trial in trials]
     assert fails == [True, False]
     np.testing.assert_array_equal(*(trial._received(back, None, slice(0, 48)) for trial in trials))
 
