@@ -177,7 +177,6 @@ def load_config(path: Path | str) -> LandingConfig:
 
 def config_dict(config: LandingConfig) -> dict[str, Any]:
     """The study as plain mappings, the inverse of `parse_config`."""
-    mapping = {
-        f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config) if f.name != "folder"
-    }
+    names = (f.name for f in dataclasses.fields(config) if f.name != "folder")
+    mapping = {name: plain(getattr(config, name)) for name in names}
     return mapping | {"interference": [interferer_to_mapping(i) for i in config.interference]}
