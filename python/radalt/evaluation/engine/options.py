@@ -294,10 +294,9 @@ def command_of(args: argparse.Namespace, parser: Parser) -> str:
             words.append(option)
         elif isinstance(value, list):
             words += [option, *(shlex.quote(_word(v)) for v in value)]
-        elif isinstance(value, tuple):
-            words.append(f"{option}={shlex.quote(','.join(map(_word, value)))}")
         else:
-            words.append(f"{option}={shlex.quote(_word(value))}")
+            parts = value if isinstance(value, tuple) else (value,)
+            words.append(f"{option}={shlex.quote(','.join(map(_word, parts)))}")
     return " ".join(words)
 
 

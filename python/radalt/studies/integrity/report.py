@@ -188,8 +188,8 @@ def _hours_table(rows: Sequence[Row]) -> str:
     for low, high in zip(_BANDS_M, _BANDS_M[1:], strict=False):
         if mine := [r for r in rows if r["kind"] in LONG and low <= r["altitude_m"] < high]:
             line(f"land and points, {low:g} to {high:g} m", "none", "", _hours_of(mine))
-    header = ["stratum", "method", "share", "flights", "hours", "available", "misleading", "hazardous"]
-    return table([*header, "of flights", "bound per hour", "largest error / m", "CPU min per hour"], lines)
+    header = "stratum | method | share | flights | hours | available | misleading | hazardous | of flights"
+    return table(f"{header} | bound per hour | largest error / m | CPU min per hour", lines)
 
 
 def _attitude_table(land: Sequence[Row]) -> str:
@@ -204,7 +204,7 @@ def _attitude_table(land: Sequence[Row]) -> str:
             worst = f"{number(least['after_start'])} {least['case'].split('/')[1]}"
             shares = number(h["available"], 3), worst, number(h["largest_m"], 1)
             lines.append([attitude, *shares, number(frames.pd), number(frames.pd_3pct)])
-    return table(["attitude", "available", "least", "largest error / m", "Pd per frame", "5 m or 3 %"], lines)
+    return table("attitude | available | least | largest error / m | Pd per frame | 5 m or 3 %", lines)
 
 
 def _headline(rows: Sequence[Row], by_case: Sequence[Row], default: str) -> dict[str, Any]:
@@ -247,14 +247,7 @@ def _unavailable_table(by_case: Sequence[Row], default: str) -> str:
             least = min(poor, key=lambda r: r["after_start"])
             worst = f"{number(least['after_start'])} in `{least['case']}`"
             lines.append([what, f"{len(poor)} of {len(seen)}", worst, failures, silent, unbounded])
-    header = [
-        "case",
-        "below 0.99 after the start",
-        "least",
-        "failure",
-        "no computed data",
-        "beyond the alert limit",
-    ]
+    header = "case | below 0.99 after the start | least | failure | no computed data | beyond the alert limit"
     return table(header, lines) if lines else ""
 
 
@@ -289,8 +282,8 @@ def _kind_table(found: Sequence[Row]) -> str:
                 " / ".join(_rate(r["wrong"] / r["trials"] if r["trials"] else 0.0) for r in mine),
             ]
         )
-    header = ["case", "flights", "available after the start", "misleading", "hazardous", "bound"]
-    return table([*header, "Pd per frame", "wrong per frame"], lines) if lines else ""
+    header = "case | flights | available after the start | misleading | hazardous | bound | Pd per frame"
+    return table(f"{header} | wrong per frame", lines) if lines else ""
 
 
 def _event_table(events: Sequence[Row]) -> str:
@@ -314,8 +307,7 @@ def _event_table(events: Sequence[Row]) -> str:
                 cause or "**none stated**",
             ]
         )
-    header = ["case:seed:batch", "outputs of", "frames", "worst error / m", "level / m"]
-    return table([*header, "stated limit"], lines)
+    return table("case:seed:batch | outputs of | frames | worst error / m | level / m | stated limit", lines)
 
 
 def _times(rows: Sequence[Row]) -> str:

@@ -100,9 +100,8 @@ class Approach:
                 up = np.arctan2(rise_m, apart_m) + np.radians(s.tilt_deg) * np.cos(azimuth)
                 # both rays arrive from below the aircraft
                 nadir = np.arctan2(apart_m, rise_m * np.sign(share))
-                gains = max(float(profile.antenna.gain(nadir, 0.0)), floor) * pattern.gain(
-                    np.pi / 2 - up, azimuth
-                )
+                own = max(float(profile.antenna.gain(nadir, 0.0)), floor)
+                gains = own * pattern.gain(np.pi / 2 - up, azimuth)
                 paths = waves_per_m * np.hypot(apart_m, rise_m)
                 field += share * np.sqrt(gains / top) / (4 * np.pi * paths) * np.exp(-2j * np.pi * paths)
             total_mw += 10 ** (s.eirp_dbm_per_mhz / 10) * width_hz / 1e6 * float(np.mean(np.abs(field) ** 2))
@@ -187,14 +186,12 @@ class ApproachStudy(Study):
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `Study`."""
         save_figure(draw_approach(rows["rows"]), folder.path / "approach.png")
-        header = "altimeter|to the threshold, m|altitude, ft|power, dBm|breaks at, dBm|NORMAL|tracked, ft|failed".split(
-            "|"
-        )
+        header = "altimeter | to the threshold, m | altitude, ft | power, dBm | breaks at, dBm | NORMAL | tracked, ft"
         lines = [
             [r["profile"], *(DASH if r[k] is None else f"{r[k]:.1f}" for k in _NUMBERS), r["failed"]]
             for r in rows["rows"]
         ]
-        values = {"approach": self.approach, "place_table": table(header, lines)}
+        values = {"approach": self.approach, "place_table": table(f"{header} | failed", lines)}
         return write_result(folder, Path(__file__).with_name("approach.md.j2"), run.as_dict(), rows, values)
 
 
