@@ -1,9 +1,6 @@
 """`import radalt`: the names one would guess, without GNU Radio, with the flowgraph's own rows."""
 
-import ast
 import dataclasses
-import functools
-import json
 import re
 import sys
 
@@ -53,19 +50,6 @@ def report(ten_lines):
 def test_the_ten_lines_run(ten_lines):
     assert len(ten_lines["report"].break_points()) == 3
     assert np.mean(np.abs(ten_lines["result"]["altitude_m"] - ten_lines["truth_m"]) < 5) > 0.9
-
-
-def test_the_notebook_is_the_script(root):
-    """Line by line, but for how a notebook shows what a script prints."""
-    notebook = json.loads((root / "examples/ten_lines.ipynb").read_text(encoding="utf-8"))
-    cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    lines = [line for cell in cells for line in ast.unparse(ast.parse(cell)).splitlines() if line]
-    script = ast.unparse(ast.parse((root / "examples/ten_lines.py").read_text(encoding="utf-8")))
-    lines_of_script = [line for line in script[script.index("import numpy") :].splitlines() if line]
-    printed = ("print(report.break_points())", "print(report.html)", "print('within")
-    assert [line for line in lines_of_script if not line.startswith(printed)] == [
-        line for line in lines if not line.startswith(("report.break_points()", "print('within"))
-    ]
 
 
 def test_the_documented_names_are_the_public_ones(root):
@@ -220,12 +204,6 @@ def test_ctrl_c_is_one_line_that_says_what_is_kept(tmp_path, monkeypatch, capsys
 
 def stop():
     raise KeyboardInterrupt
-
-
-def lambda_named(name):
-    function = functools.partial(halves)
-    function.__name__ = name
-    return function
 
 
 def short(frames, waveform):

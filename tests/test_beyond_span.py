@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import noise, white
 
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.altimeter.beyond_span import BeyondSpan
@@ -24,8 +25,7 @@ FAST = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=150.0))
 def flown(rng: np.random.Generator, count: int, low_m: float, high_m: float, snr_db: float | None):
     """Altitudes (n,) in metres, frames (n, N) of noise and, with an SNR, a return at up to 150 m/s either way."""
     altitudes = rng.uniform(low_m, high_m, count)
-    frames = rng.standard_normal((count, 2 * W.samples_per_frame), dtype=np.float32).view(np.complex64)
-    frames *= np.float32(np.sqrt(0.5))
+    frames = noise(rng, count, 0.0)
     if snr_db is not None:
         speeds = rng.uniform(-150, 150, count)
         returns = point_return(W, altitudes, vertical_speed_m_per_s=speeds, phase_cycles=rng.random(count))
@@ -58,8 +58,8 @@ def test_a_beat_as_wide_as_the_sweep_is_no_return():
     w = Waveform(bandwidth_hz=1e6, sweep_s=10e-3, rate_hz=2e6)
     at = np.exp(-2j * np.pi * w.bandwidth_hz * np.arange(w.samples_per_half) / w.rate_hz)
     frame = w.reference * np.concatenate([at, at.conj()])
-    noise = np.random.default_rng(3).standard_normal((1, 2 * frame.size)).view(np.complex128)
-    assert not BeyondSpan(w, 1500.0)((frame + noise).astype(np.complex64)).any()
+    received = frame + 1.4 * white(np.random.default_rng(3), 1, frame.size)
+    assert not BeyondSpan(w, 1500.0)(received.astype(np.complex64)).any()
 
 
 @pytest.mark.parametrize("name", ["tcae", "whitening", "blanking", "folds"])
@@ -131,8 +131,7 @@ def stream(rng: np.random.Generator, high_m: float, low_m: float | None, weaker_
         if low_m is not None:
             low = point_return(W, low_m - sunk, vertical_speed_m_per_s=-5.0, phase_cycles=rng.random())
             frames = frames + np.float32(10.0 ** (-weaker_db / 20.0)) * low
-        noise = rng.standard_normal((40, 2 * W.samples_per_frame), dtype=np.float32).view(np.complex64)
-        yield frames + np.float32(np.sqrt(0.05)) * noise
+        yield frames + noise(rng, 40, 10.0)
 
 
 @pytest.mark.parametrize("altitude_m", [2600.0, 2800.0])

@@ -10,7 +10,7 @@ import pmt
 import pytest
 import zmq
 from gnuradio import blocks, gr, radalt
-from waiting import wait_for
+from waiting import patient, wait_for
 
 from radalt.blocks._frames import frame_tag
 from radalt.blocks._guard import raise_stored
@@ -108,7 +108,7 @@ def run(*chain, chunk: int = 100_000, also: tuple = (), wires: tuple = ()) -> No
         )
     done = threading.Thread(target=top.run, args=(chunk,), daemon=True)
     done.start()
-    done.join(120)
+    done.join(patient(120))
     if done.is_alive():
         top.stop()
         raise TimeoutError("the flowgraph did not end")
@@ -585,7 +585,7 @@ def test_results_are_published_over_zmq_as_json():
     endpoint = block._socket.address  # with the port the system chose
     subscriber = context.socket(zmq.SUB)
     subscriber.setsockopt(zmq.SUBSCRIBE, b"")
-    subscriber.setsockopt(zmq.RCVTIMEO, 20_000)
+    subscriber.setsockopt(zmq.RCVTIMEO, int(1000 * patient(20)))
     subscriber.connect(endpoint)
     block._socket.socket.send_string("{}")  # a subscription takes time: repeat until it stands
     wait_for(lambda: subscriber.poll(20) or block._socket.socket.send_string("{}"), "the subscription")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import white
 
 from radalt.core.interference.placement import Interferer, interference_frames
 from radalt.core.mitigation.interference_detector import InterferenceDetector
@@ -15,12 +16,8 @@ FRAMES = 100
 
 def clean(rng, snr_db, count=FRAMES, shifted=False):
     altitude = rng.uniform(5.0, 1400.0, count)
-    if shifted:
-        frames = np.stack([W.beat_shifted(a) for a in altitude])
-    else:
-        frames = point_return(W, altitude)
-    noise = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
-    return frames + 10 ** (-snr_db / 20) / np.sqrt(2) * noise
+    frames = np.stack([W.beat_shifted(a) for a in altitude]) if shifted else point_return(W, altitude)
+    return frames + 10 ** (-snr_db / 20) * white(rng, count)
 
 
 EMITTERS = {

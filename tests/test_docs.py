@@ -2,6 +2,7 @@
 
 import csv
 import importlib.util
+import json
 import os
 import pkgutil
 import re
@@ -15,6 +16,10 @@ import pytest
 import yaml
 from waiting import ran_python
 
+from radalt.bench.board import stored_rows
+from radalt.bench.lists import load_list
+from radalt.bench.rows import read_rows
+from radalt.bench.views.cost import summaries
 from radalt.core.altimeter.altimeter import Altimeter, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -107,7 +112,9 @@ def test_every_page_is_in_the_site_once(root, site):
     named = re.findall(r"- (?:\w+: )?([\w./-]+\.md)$", (root / "mkdocs.yml").read_text(), re.MULTILINE)
     named += [f"{file}.md" for files in config["extra"]["pages"].values() for file in files[1:]]
     assert sorted(named) == sorted(
-        str(page.relative_to(root / "docs")) for page in (root / "docs").rglob("*.md")
+        str(page.relative_to(root / "docs").with_suffix(".md"))
+        for kind in ("*.md", "*.ipynb")
+        for page in (root / "docs").rglob(kind)
     )
 
 
@@ -148,12 +155,6 @@ def test_the_papers_table_is_that_of_its_rows(root):
     names = ("none", "lms_reference_input", "fc", "cnn", "paper", "tcae")  # columns of the table
     assert [cell.strip() for cell in line[1].split("|")] == [f"{clean[name]:.2f}" for name in names]
     assert all(clean[name] >= 0.9 for name in ("fc", "cnn", "paper"))
-
-
-def _rmse_in_the_papers_case(rows):
-    """Of no mitigation, the paper's network and ours."""
-    found = {r["method"]: r for r in rows if r["interferer"] == "qpsk_rectangular_sinr_-15"}
-    return [f"{float(found[method]['rmse_forced_m']):.2f}" for method in ("none", "paper", "compact")]
 
 
 def _worst_in_noise(rows):
@@ -232,12 +233,6 @@ def _what_guarding_costs(rows):
     ("pages", "pattern", "table", "value"),
     [
         (
-            ("docs/tcae.md",),
-            r"errs\s+by ([\d.]+) m\D*?paper's network(?:\s|[^.])*?by ([\d.]+) m(?:\s|[^.])*?by ([\d.]+) m",
-            "tcae_comparison",
-            _rmse_in_the_papers_case,
-        ),
-        (
             ("docs/detection.md",),
             r"at most ([\d.]+) %.*?interval ([\d.]+) to ([\d.]+) %, designed for ([\d.]+) %",
             "detection",
@@ -285,6 +280,48 @@ def test_the_first_number_of_a_page_is_that_of_its_table(root, pages, pattern, t
     for page in pages:
         found = re.search(pattern, (root / page).read_text(encoding="utf-8"), re.DOTALL)
         assert found and list(found.groups()) == expected, page
+
+
+def _packed(page):
+    return "".join(page.read_text("utf-8").split())
+
+
+def _groups(root, table, by, where):
+    """Rows that have the values of ``where``, by the columns ``by``, as numbers, summed; `wrong` from the others."""
+    groups = {}
+    with (root / table).open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            if all(row[key] in values for key, values in where.items()):
+                found = {k: float(v) for k, v in row.items() if re.fullmatch(r"-?[\d.]+(e-?\d+)?", v)}
+                found["wrong"] = found.get("detections", 0) - found.get("correct", 0)
+                groups.setdefault(" ".join(row[key] for key in by) or "all", Counter()).update(found)
+    return groups
+
+
+@pytest.mark.parametrize("place", yaml.safe_load((ROOT / "tests/numbers.yaml").read_text("utf-8")))
+def test_sentences_give_the_numbers_of_their_rows(root, place):
+    if place["table"] == "standard":
+        rows = read_rows(stored_rows("standard"))
+        found = summaries(rows, list(dict.fromkeys(row["entry"] for row in rows)))
+    else:
+        found = _groups(root, place["table"], place["by"], place.get("where", {}))
+    page = _packed(root / place["page"])
+    for text in place["texts"]:
+        assert "".join(text.format(r=found).split()) in page, text.format(r=found)
+
+
+def test_the_table_of_cases_of_the_canceller_is_that_of_its_rows(root):
+    page, rows = _packed(root / "docs/cancellation.md"), read_rows(stored_rows("evm"))
+    for case in load_list("evm").cases:
+        mine = [r for r in rows if (r["case"], r["overlap"]) == (case.name, case.overlap)]
+        by = {name: [r for r in mine if r["entry"] == name] for name in {r["entry"] for r in mine}}
+        best = by["qpsk_cancel" if case.name == "qpsk" else "ofdm_cancel"]
+        ends = [_break_point(by_entry) for by_entry in (by["none"], best)]
+        pd = {r["sir_db"]: f"{r['pd']:.2f}" for r in best}
+        wrong = sum(r["detections"] - r["correct"] for r in best)
+        cells = [*ends, *(pd.get(at, "") for at in (-30, -40, -45, -50)), wrong]
+        line = "|".join(map(str, ["", case.title.replace("part", f"{case.overlap:g}"), *cells, ""]))
+        assert "".join(line.split()) in page, line
 
 
 def test_every_column_of_a_table_is_in_the_dictionary(root):
@@ -336,6 +373,9 @@ SNIPPETS = {
     if "FirstFlowgraph" not in code and "from .study" not in code
 }
 
+NOTEBOOK = json.loads((ROOT / "docs/notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+SNIPPETS["notebook"] = "\n".join("".join(c["source"]) for c in NOTEBOOK if c["cell_type"] == "code")
+
 
 @pytest.mark.parametrize("name", SNIPPETS)
 def test_a_snippet_runs_as_a_file_as_printed(name, tmp_path, monkeypatch, capfd):
@@ -349,7 +389,11 @@ def test_a_snippet_runs_as_a_file_as_printed(name, tmp_path, monkeypatch, capfd)
         return
     monkeypatch.chdir(tmp_path)
     runpy.run_path("snippet.py", run_name="__main__")
-    assert capfd.readouterr().err == ""
+    said = capfd.readouterr()
+    assert said.err == ""
+    if name == "notebook":
+        stored = [text for c in NOTEBOOK for out in c.get("outputs", ()) for text in out.get("text", ())]
+        assert said.out == "".join(stored), "run: jupyter nbconvert --execute --inplace docs/notebook.ipynb"
 
 
 @pytest.mark.parametrize(

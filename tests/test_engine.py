@@ -89,18 +89,6 @@ def test_rows_are_the_same_bytes_for_any_number_of_workers(whole, tmp_path):
     assert len(rows_of(whole).splitlines()) == 5
 
 
-def test_rows_stand_in_the_studys_order_whatever_order_they_came_in(tmp_path, measured_here):
-    study = Coins()
-    folder = RunFolder(tmp_path, head_of(study))
-    last = study.points()[-1]
-    folder.add(last.name, [study.tables["rows"].row(r) for r in study.measure(last)])
-    folder.close()
-    run(study, Options(tmp_path, resume=True, jobs=1))
-    assert [line.split(b",")[0] for line in rows_of(tmp_path).splitlines()[1:]] == [
-        p.name.encode() for p in study.points()
-    ]
-
-
 def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     code = (
         f"import sys; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
@@ -116,25 +104,6 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     assert 1 <= len(journal.read_text(encoding="utf-8").splitlines()) < 4
     run(Coins(), Options(tmp_path / "run", resume=True, jobs=2))
     assert rows_of(tmp_path / "run") == rows_of(whole)
-
-
-def test_rows_that_no_study_wrote_are_named_and_measured_again(whole, tmp_path, capsys, measured_here):
-    """Sealed, but of other columns, another kind or no point: a study changed without its version, say."""
-    study = Coins()
-    row = study.tables["rows"].row(study.measure(study.points()[0])[0])
-    folder = RunFolder(tmp_path, head_of(study))
-    for point, rows in (
-        ("coin 0.1", [row | {"more": 1}]),
-        ("coin 0.5", [row | {"pd": "high"}]),
-        ("coin 0.97", [7]),
-        ("no coin", [row]),
-    ):
-        folder.add(point, rows)
-    folder.close()
-    assert command.main(study, Options(tmp_path, resume=True, jobs=1), program="coins", dry_run=False) == 0
-    assert rows_of(tmp_path) == rows_of(whole)
-    line = f"{tmp_path / 'points.jsonl'}:1 and 3 others: cut, changed or of another run; measured again"
-    assert line in capsys.readouterr().out
 
 
 def test_a_point_that_hangs_ends_with_one_line_and_the_others_are_kept(tmp_path):
@@ -225,12 +194,3 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
     done = ran(*printed)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(rows_of(tmp_path / "run").splitlines()) == 5  # a head and four coins
-
-
-def test_a_run_stopped_before_it_began_prints_no_command(tmp_path, capsys):
-    def study():
-        raise KeyboardInterrupt
-
-    options = Options(tmp_path / "run")
-    assert command.main(study, options, program="coins", dry_run=False) == 130
-    assert capsys.readouterr().err.strip() == "coins: stopped"

@@ -64,24 +64,6 @@ def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, out
     assert "hopper" in (out / "report.md").read_text(encoding="utf-8")
 
 
-def test_method_has_its_style_in_figures_and_computes_in_a_process_of_its_own(outside):
-    _, env = outside
-    code = (
-        "import numpy as np\n"
-        "from radalt.evaluation.results.style import series_style\n"
-        "from radalt.core.mitigation import OwnProcess, create\n"
-        "from radalt.core.waveform import Waveform\n"
-        "w = Waveform()\n"
-        "frames = np.stack([w.beat_shifted(a) for a in (100.0, 300.0)])\n"
-        "apart = OwnProcess('clipper', w)\n"
-        "assert apart.process(frames).tobytes() == create('clipper', w).process(frames).tobytes()\n"
-        "style = series_style('clipper', ['none', 'clipper'])\n"
-        "print(apart.status()['method'], *(style[k] for k in ('label', 'color', 'marker', 'linestyle')))"
-    )
-    done = run(env, "-c", code)
-    assert (done.returncode, done.stdout.strip()) == (0, "clipper clipper #5D3A9B p :"), done.stderr
-
-
 def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
     _, env = outside
     radio = {"device": "x310_ubx", "master_clock_hz": 187.5e6, "enclosure": "cabled", "attenuation_db": 60.0}

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pmt
 import pytest
-from test_tracker import noise
+from frames import noise
 
 from radalt.blocks.frame_segmenter import frame_segmenter
 from radalt.core.altimeter.altimeter import AltimeterSettings, shared_altimeter
@@ -420,22 +420,6 @@ def test_installation_delay_is_calibrated_and_subtracted():
         np.stack([f.samples for f in frames]), timing_offset_s=np.array([f.offset_s for f in frames])
     )["altitude_m"]
     np.testing.assert_allclose(altitude_m, 50.0, atol=0.5)
-
-
-@pytest.mark.parametrize(
-    ("measured", "said"),
-    [(np.full(19, 3.0), "19 altitudes"), (np.linspace(0, 100, 40), "hold one known altitude")],
-)
-def test_an_installation_delay_takes_many_altitudes_at_one_height(measured, said):
-    with pytest.raises(ValueError, match=said):
-        NOTHING.with_installation(measured, 3.0)
-
-
-def test_a_calibration_takes_frames_that_are_many_and_finite():
-    with pytest.raises(ValueError, match="has 19 frames"):
-        LeakageCalibration.measured(W, np.zeros((19, N), np.complex64))
-    with pytest.raises(ValueError, match="not finite"):
-        LeakageCalibration.measured(W, np.full((20, N), np.nan, np.complex64))
 
 
 def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path):

@@ -10,9 +10,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from frames import white
 from gnuradio import blocks, gr, radalt
 from PIL import Image
-from waiting import ran_python
+from waiting import patient, ran_python
 
 from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
 from radalt.core.mitigation import METHODS, create
@@ -31,11 +32,6 @@ N = W.samples_per_frame
 LEVEL = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
 
 
-def noise(frames: int, seed: int = 1) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return rng.normal(size=(frames, 2 * N)).view(complex) / np.sqrt(2)
-
-
 # -- range profile ----------------------------------------------------------------------------------------------------
 
 
@@ -52,7 +48,7 @@ def test_unit_return_peaks_at_its_altitude_at_zero_decibels(altitude_m):
 def test_profile_is_in_absolute_units():
     """Twice the amplitude is 6.02 dB more, in the profile and in the threshold."""
     profile = RangeProfile(W, LEVEL)
-    frames = point_return(W, np.array([500.0])) + 0.3 * noise(1)
+    frames = point_return(W, np.array([500.0])) + 0.3 * white(np.random.default_rng(1), 1)
     once, twice = (np.stack(profile.process(a * frames)) for a in (1.0, 2.0))
     np.testing.assert_allclose(twice - once, 20 * np.log10(2.0), atol=1e-3)
 
@@ -60,7 +56,7 @@ def test_profile_is_in_absolute_units():
 def test_noise_floor_lies_the_processing_gain_below_its_power():
     """White noise of unit power in a cell of one half sweep: 10 log10(1 / (N / 2)) = -35.7 dB over a unit return."""
     profile = RangeProfile(W, LEVEL)
-    power_db, _ = profile.process(noise(100))
+    power_db, _ = profile.process(white(np.random.default_rng(1), 100))
     floor_db = 10 * np.log10(np.mean(10 ** (power_db / 10)))
     assert abs(floor_db - 10 * np.log10(2 / N)) < 1.0
 
@@ -69,7 +65,7 @@ def test_profile_exceeds_the_threshold_where_the_altimeter_detects():
     profile, altimeter = RangeProfile(W, LEVEL), Altimeter(W, LEVEL)
     altitudes = np.linspace(100.0, 1400.0, 200)
     amplitudes = np.tile([0.0, 0.05, 0.075, 0.3], 50)  # nothing, in the noise, at the edge, clear
-    frames = amplitudes[:, None] * point_return(W, altitudes) + noise(200)
+    frames = amplitudes[:, None] * point_return(W, altitudes) + white(np.random.default_rng(1), 200)
     power_db, threshold_db = profile.process(frames)
     crossed = (power_db > threshold_db).any(axis=1)
     valid = altimeter.process(frames)["valid"]
@@ -90,7 +86,7 @@ def test_altitude_by_hand_starts_after_the_preamble():
     source = radalt.fmcw_chirp_source(scene, altitude_m=300.0, frames=preamble + 2)
     sink = blocks.vector_sink_c()
     top.connect(source, sink)
-    run_to_end(top, time_limit_s=60)
+    run_to_end(top, time_limit_s=patient(60))
     sweeps = np.array(sink.data()).reshape(-1, N)
     np.testing.assert_allclose(sweeps[:preamble], np.tile(W.beat_shifted(0.0), (preamble, 1)), atol=1e-6)
     np.testing.assert_allclose(sweeps[preamble:], np.tile(W.beat_shifted(300.0), (2, 1)), atol=1e-6)
@@ -122,7 +118,9 @@ def test_method_is_exchanged_between_frames(monkeypatch):
         "radalt.blocks._mitigation.read_quality", lambda block, count: None
     )  # no flowgraph, no tags
     scene = load_scene("paper_qpsk")
-    frames = (point_return(W, np.full(4, 300.0)) + 2.0 * noise(4)).astype(np.complex64)
+    frames = (point_return(W, np.full(4, 300.0)) + 2.0 * white(np.random.default_rng(1), 4)).astype(
+        np.complex64
+    )
     block = radalt.mitigation(scene, "whitening")
     out = np.empty_like(frames)
     block.work([frames[:2]], [out[:2]])
@@ -144,7 +142,7 @@ def test_simulated_radios_keep_to_the_sample_rate(monkeypatch):
     source = blocks.vector_source_c([0j] * (50 * N))
     channel = radalt.simulated_channel(load_scene("paper_qpsk"), jammer=False, realtime=True)
     top.connect(source, channel, blocks.null_sink(gr.sizeof_gr_complex))
-    run_to_end(top, time_limit_s=60)
+    run_to_end(top, time_limit_s=patient(60))
     assert 0.8 * 50 * W.sweep_s < now[0] - 100.0 <= 50 * W.sweep_s
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import white
 
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
@@ -12,7 +13,6 @@ from radalt.core.waveform import Waveform
 
 W = Waveform()
 ALTIMETER = Altimeter(W)
-SNR_DB = 10.0
 CLASSICAL = [name for name, method in METHODS.items() if not method.runs_network]
 
 
@@ -21,8 +21,7 @@ def scene(count: int, interferer: Interferer | None, seed: int) -> tuple[np.ndar
     rng = np.random.default_rng(seed)
     altitudes = rng.uniform(3, 1500, count)
     frames = point_return(W, altitudes, dtype=np.complex128)
-    sigma = 10 ** (-SNR_DB / 20) / np.sqrt(2)
-    frames += sigma * (rng.standard_normal(frames.shape) + 1j * rng.standard_normal(frames.shape))
+    frames += np.sqrt(0.05) * (rng.standard_normal(frames.shape) + 1j * rng.standard_normal(frames.shape))
     if interferer is not None:
         frames += interference_frames([interferer], count, 7500, 7.5e6, rng)
     return frames.astype(np.complex64), altitudes
@@ -441,9 +440,8 @@ def test_only_white_frames_that_the_network_loses_pass_as_they_came(fake):
     """Noise 25 dB above the return: a network that leaves no return is no help; QPSK is its business all the same."""
     rng = np.random.default_rng(18)
     clean, _ = scene(4, None, 18)
-    noise = 18.0 * rng.standard_normal((4, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
     arrived = {
-        "white": (clean + noise).astype(np.complex64),
+        "white": (clean + 25.0 * white(rng, 4)).astype(np.complex64),
         "qpsk": scene(4, Interferer(QpskEmitter(), -25.0), 18)[0],
         "clean": clean,
     }
@@ -462,9 +460,7 @@ def test_the_shipped_network_reads_a_return_in_noise_as_the_altimeter_alone():
     """No method takes white noise away; the network alone has 223 of 300 at -25 dB where the altimeter has 280."""
     rng, snr_db = np.random.default_rng(19), -25.0
     altitudes = rng.uniform(20.0, 1400.0, 150)
-    noise = rng.standard_normal((150, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
-    frames = point_return(W, altitudes) + np.sqrt(0.5 * 10.0 ** (-snr_db / 10.0)) * noise
-    frames = frames.astype(np.complex64)
+    frames = (point_return(W, altitudes) + 10.0 ** (-snr_db / 20.0) * white(rng, 150)).astype(np.complex64)
     alone = correct(frames, altitudes).sum()
     assert correct(create("tcae", W).process(frames), altitudes).sum() >= alone - 10
     assert correct(create("tcae", W, skip_lost=False).process(frames), altitudes).sum() < alone - 10

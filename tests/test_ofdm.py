@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from frames import ALTIMETER, returns, white
 
 from radalt.bench.frames import frames_of
 from radalt.bench.lists import load_list
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.stream import JammerStream
@@ -22,22 +22,8 @@ from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 W = Waveform()
-ALTIMETER = Altimeter(W, AltimeterSettings())
 NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 77, "frame_count": 2, "seed": 5, "evm": 0.03}
 MOST_FFTS = 650.0  # of the steps' prices; the cap of 590 holds for the choice of steps
-
-
-def noise(count, rng):
-    """(count, N) complex noise of unit power."""
-    return rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0] / np.sqrt(2)
-
-
-def returns(count, seed, snr_db=10.0):
-    """Altitudes, and frames of point targets with noise."""
-    rng = np.random.default_rng([seed, 1])
-    altitude_m = rng.uniform(3, 1500, count)
-    frames = point_return(W, altitude_m, vertical_speed_m_per_s=rng.uniform(-10, 10, count))
-    return altitude_m, frames + 10 ** (-snr_db / 20) * noise(count, rng)
 
 
 def received(name, sir_db, count, seed, *, stream=False):
@@ -52,7 +38,7 @@ def received(name, sir_db, count, seed, *, stream=False):
     samples = frames.samples[frames.trial]
     if below_db:
         level = 10 ** (-(sir_db + float(below_db)) / 20)
-        samples = (samples + level * noise(count, np.random.default_rng(seed))).astype(np.complex64)
+        samples = (samples + level * white(np.random.default_rng(seed), count)).astype(np.complex64)
     return samples, frames.truth_m
 
 
@@ -125,13 +111,13 @@ def test_what_cannot_be_demodulated_passes_as_it_came(case):
 
 @pytest.mark.parametrize("emitter", [None, QpskEmitter(), QpskEmitter(pulse="rrc"), ToneEmitter(1)])
 def test_frames_without_ofdm_pass_bit_for_bit(emitter):
-    _, frames = returns(16, 5)
+    _, frames = returns(np.random.default_rng([5, 1]), 16)
     if emitter is not None:
         rng = np.random.default_rng(6)
         frames = frames + interference_frames([Interferer(emitter, -30, 0.5)], 16, 7500, W.rate_hz, rng)
     frames = frames.astype(np.complex64)
     np.testing.assert_array_equal(single(frames)[0], frames)
-    alone = noise(16, np.random.default_rng(7)).astype(np.complex64)
+    alone = white(np.random.default_rng(7), 16).astype(np.complex64)
     np.testing.assert_array_equal(single(alone)[0], alone)
 
 
@@ -140,7 +126,9 @@ def test_frames_without_ofdm_pass_bit_for_bit(emitter):
 def test_a_sweep_is_not_taken_for_ofdm(snr_db, beyond_m):
     """A linear sweep meets itself one symbol later as a tone, and stands over the scatter where there is no noise."""
     rng = np.random.default_rng(12)
-    frames = point_return(W, beyond_m + np.linspace(20, 1480, 8)) + 10 ** (-snr_db / 20) * noise(8, rng)
+    frames = point_return(W, beyond_m + np.linspace(20, 1480, 8)) + 10 ** (-snr_db / 20) * white(
+        rng, 8, W.samples_per_frame
+    )
     frames = frames.astype(np.complex64)
     assert single(frames)[0].tobytes() == frames.tobytes()
 
@@ -148,7 +136,7 @@ def test_a_sweep_is_not_taken_for_ofdm(snr_db, beyond_m):
 @pytest.mark.parametrize("inr_db", [20, 50])
 def test_nothing_is_invented_where_there_is_no_return(inr_db):
     rng = np.random.default_rng([8, inr_db])
-    frames = noise(24, rng)
+    frames = white(rng, 24)
     frames = frames + interference_frames([Interferer(NrEmitter(**NR10), -inr_db)], 24, 7500, W.rate_hz, rng)
     # design bound 1.55 % of frames: 4 of 24 or more have a chance of 1 in 2,000
     assert np.count_nonzero(ALTIMETER.process(single(frames)[0])["valid"]) <= 3
@@ -176,15 +164,15 @@ def test_an_outcome_says_what_was_done():
     assert all(0.02 < outcome.evm < 0.07 for outcome in method.outcomes)
     assert all(30 < outcome.suppression_db < 45 for outcome in method.outcomes)
     assert method.tracking
-    _, clean = returns(1, 4)
+    _, clean = returns(np.random.default_rng([4, 1]), 1)
     assert method.cancel(clean[0].astype(np.complex64)) is None and method.outcome.state == "visible"
     assert method.tracking  # the emitter may come back; its times go on meanwhile
-    assert method.cancel(noise(1, np.random.default_rng(1))[0].astype(np.complex64)) is None
+    assert method.cancel(white(np.random.default_rng(1), 1)[0].astype(np.complex64)) is None
     assert method.outcome.state == "passed" and not method.tracking
 
 
 def test_another_emitter_is_found_when_the_first_has_gone():
-    altitude_m, frames = returns(12, 40)
+    altitude_m, frames = returns(np.random.default_rng([40, 1]), 12)
     parts = []
     for seed, cell_id in ((5, 77), (6, 402)):
         emitter = NrEmitter(**{**NR10, "seed": seed, "cell_id": cell_id})
@@ -209,7 +197,7 @@ def test_where_frames_may_be_dropped_what_is_searched_in_vain_is_searched_less_o
 @pytest.mark.parametrize("sir_db", [-20.0, -45.0])
 def test_tones_are_least_squares(sir_db):
     """Three tones of unlike powers on top of OFDM; what they leave is what was there without them."""
-    altitude_m, frames = returns(1, 13)
+    altitude_m, frames = returns(np.random.default_rng([13, 1]), 1)
     rng = np.random.default_rng(14)
     ofdm = interference_frames([Interferer(NrEmitter(**NR10), sir_db)], 1, 7500, W.rate_hz, rng)
     n = np.arange(7500)
@@ -266,7 +254,7 @@ def test_integrity_one_return_and_white_noise_or_not():
     first = np.arange(7500) < 3750
 
     def consistent(frames, snr_db):
-        frames = (frames + 10 ** (-snr_db / 20) * noise(40, rng)).astype(np.complex64)
+        frames = (frames + 10 ** (-snr_db / 20) * white(rng, 40)).astype(np.complex64)
         return np.mean([estimator.is_consistent(frame) for frame in frames])
 
     assert consistent(one, -15.0) > 0.95

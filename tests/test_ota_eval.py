@@ -1,7 +1,6 @@
 """The whole live path from the command line: tiny sweeps through the real flowgraph, and what it refuses."""
 
 import csv
-import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -12,10 +11,8 @@ import pytest
 from hostile import ended
 from waiting import end_of, ran_python
 
-from radalt.core.scene import SweepSpec, load_scene
-from radalt.evaluation.overlap.points import sweep_points
+from radalt.core.scene import load_scene
 from radalt.evaluation.overlap.rows import COLUMNS
-from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import read_report
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
@@ -95,19 +92,6 @@ def test_resume_refuses_other_options_in_one_line(whole, capsys):
     assert ota_eval.main(["--sim", *arguments]) == 2
     assert "holds a run already; add --resume" in one_line(capsys)
     assert (whole[0] / "rows.csv").read_bytes() == before
-
-
-def test_overlap_0_is_bit_for_bit_the_scene_without_interference(whole, tmp_path):
-    used = load_scene(whole[0] / "scene.yaml")
-    bare = dataclasses.replace(used, interference=(), sweep=SweepSpec())
-    (point,) = sweep_points(bare)
-    study = OverlapStudy(bare).begin(tmp_path)
-    assert any("jammer" in item for item in study.left_out())
-    ignore = ("interference", "sir_db", *COLUMNS.timing)
-    rows = [r for r in study.measure(point) if study.table_of(point, r) == "rows"]
-    same = [{k: r[k] for k in COLUMNS.names if k not in ignore} for r in rows]
-    zero = [r for r in read_report(whole[0])["rows"] if r["overlap"] == 0]
-    assert same == [{k: r[k] for k in COLUMNS.names if k not in ignore} for r in zero]
 
 
 def test_methods_may_name_ones_own(root, capsys):

@@ -13,7 +13,7 @@ import ota_eval
 import pytest
 from gnuradio import gr
 from hostile import ended, write_scene
-from waiting import ran_python
+from waiting import patient, ran_python
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.returns.point import point_return
@@ -117,7 +117,7 @@ def plain(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plain")
     scene = small_scene(method_options={"custom": {"file": str(OWN)}})
     prepared = prepare(scene, ["none", "lms", "whitening", "tcae", "custom"], folder)
-    return scene, run_point(prepared, scene, time_limit_s=60.0).results
+    return scene, run_point(prepared, scene, time_limit_s=patient(60)).results
 
 
 def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str, np.ndarray]:
@@ -129,7 +129,7 @@ def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str
     if any(block["name"] == "sir_db" for block in data["blocks"]):
         parameters["sir_db"] = "scene"
     top = load_class(prepared)(**parameters)
-    run_to_end(top, time_limit_s=60.0)
+    run_to_end(top, time_limit_s=patient(60))
     return {name: getattr(top, f"altimeter_{name}").results() for name in names}
 
 

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from frames import white
 from gnuradio import blocks, gr, radalt
+from waiting import patient
 
 from radalt.core.mitigation import MitigationError, OwnProcess, create
 from radalt.core.scene import load_scene
@@ -20,9 +22,8 @@ W = Waveform()
 def received(count, seed=1):
     """Frames of a return under a strong tone, in noise."""
     rng = np.random.default_rng(seed)
-    white = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
     tone = 5 * np.exp(2j * np.pi * (0.1 * np.arange(W.samples_per_frame) + rng.random((count, 1))))
-    return (W.beat_shifted(250.0) + tone + 0.2 * white).astype(np.complex64)
+    return (W.beat_shifted(250.0) + tone + 0.3 * white(rng, count)).astype(np.complex64)
 
 
 @pytest.fixture
@@ -127,7 +128,7 @@ def test_in_a_flowgraph(tmp_path):
     source = blocks.vector_source_c(frames.reshape(-1).tolist(), vlen=W.samples_per_frame)
     network, sink = radalt.tcae(scene, own_process=True), blocks.vector_sink_c(W.samples_per_frame)
     top.connect(source, network, sink)
-    run_to_end(top, time_limit_s=60)
+    run_to_end(top, time_limit_s=patient(60))
     np.testing.assert_array_equal(np.array(sink.data(), np.complex64).reshape(wanted.shape), wanted)
     assert network.status()["frames"] == 21
     assert network.milliseconds().size == 21

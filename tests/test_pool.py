@@ -4,32 +4,35 @@ import math
 import os
 
 import pytest
+from waiting import patient
 
 from radalt.evaluation.engine.pool import WorkerError, run_tasks
 
 
 def test_every_task_is_done_once_whatever_the_number_of_workers():
     for jobs in (1, 3):
-        done = dict(run_tasks(math.sqrt, [float(k * k) for k in range(7)], jobs=jobs, time_limit_s=60))
+        done = dict(
+            run_tasks(math.sqrt, [float(k * k) for k in range(7)], jobs=jobs, time_limit_s=patient(60))
+        )
         assert done == {k: float(k) for k in range(7)}
-    assert list(run_tasks(math.sqrt, [], jobs=2, time_limit_s=60)) == []
+    assert list(run_tasks(math.sqrt, [], jobs=2, time_limit_s=patient(60))) == []
 
 
 def test_workers_that_come_too_late_for_a_task_end_without_a_word(capfd):
     # the first to start does most of it
-    done = dict(run_tasks(math.sqrt, [4.0] * 8, jobs=8, time_limit_s=60))
+    done = dict(run_tasks(math.sqrt, [4.0] * 8, jobs=8, time_limit_s=patient(60)))
     assert done == dict.fromkeys(range(8), 2.0)
     assert capfd.readouterr().err == ""
 
 
 def test_an_error_for_the_user_arrives_as_one_line_with_the_task():
     with pytest.raises(WorkerError, match=r"^point -1\.0: math domain error$"):
-        list(run_tasks(math.sqrt, [-1.0], jobs=1, time_limit_s=60, label=lambda t: f"point {t}"))
+        list(run_tasks(math.sqrt, [-1.0], jobs=1, time_limit_s=patient(60), label=lambda t: f"point {t}"))
 
 
 def test_a_worker_that_is_killed_is_named_with_the_signal():
     with pytest.raises(WorkerError, match=r"ended \(SIGKILL; out of memory\? try fewer jobs\)$"):
-        list(run_tasks(kill_self, [9], jobs=1, time_limit_s=60))
+        list(run_tasks(kill_self, [9], jobs=1, time_limit_s=patient(60)))
 
 
 def kill_self(number):

@@ -66,12 +66,3 @@ def test_the_command_in_a_report_holds_what_its_rows_depend_on_and_no_folder(tmp
     command = command_of(args, parser)
     assert command == (".venv/bin/python flowgraphs/study.py --frames=6 --quick --models 'a b.onnx'")
     assert options_of(args, parser, command=command).publish.name == "docs"
-
-
-@pytest.mark.parametrize("text", ["", " "])
-def test_publish_needs_the_name_of_a_folder(capsys, text):
-    parser = Parser("study", "A study.")
-    add_options(parser, out="results/study")
-    with pytest.raises(SystemExit):
-        parser.parse_args(["--publish", text])
-    assert capsys.readouterr().err.count("\n") == 1

@@ -9,7 +9,9 @@ import time
 import numpy as np
 import pytest
 import realtime_benchmark
+from frames import white
 from pages import assert_whole
+from waiting import patient
 
 from radalt.core.mitigation import create
 from radalt.core.scene import load_scene
@@ -21,12 +23,6 @@ W = Waveform()
 PLAIN = {"batch": 1, "skip_clean": False, "own_process": False}
 
 
-def frames(count, noise=0.2, seed=1):
-    rng = np.random.default_rng(seed)
-    white = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
-    return (W.beat_shifted(250.0) + noise * white).astype(np.complex64)
-
-
 @pytest.mark.parametrize("realtime", [False, True])
 def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
     scene = load_scene("paper_qpsk")
@@ -35,7 +31,7 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
     )
     assert scene.altitude.programme.trial_frames == 400
     prepared = prepare_benchmark(scene, ("none", "whitening"), tmp_path, realtime=realtime, **PLAIN)
-    result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=50)
+    result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=patient(50))
     total = scene.altitude.programme.total_frames
     for count in result.frames.values():
         assert total <= count + result.dropped_frames <= total + 3
@@ -55,14 +51,14 @@ def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path):
     """Rings of long frames hold several."""
     scene = long_scene(at_rate(load_scene("clear"), 56e6), 0.2)
     prepared = prepare_benchmark(scene, ("none",), tmp_path, realtime=True, **PLAIN)
-    result = fly_benchmark(prepared, scene, realtime=True, time_limit_s=50)
+    result = fly_benchmark(prepared, scene, realtime=True, time_limit_s=patient(50))
     total = scene.altitude.programme.total_frames
     assert result.frames["none"] > 10
     assert total <= result.frames["none"] + result.dropped_frames <= total + 3
 
 
 def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys, undrawn):
-    arguments = "--seconds 1 --methods none --free-only --tracked --out".split()
+    arguments = "--seconds 0.4 --methods none --free-only --tracked --out".split()
     code = realtime_benchmark.main([*arguments, str(tmp_path / "run")])
     printed = capsys.readouterr().out
     assert printed.splitlines()[-1] == str(tmp_path / "run" / "report.md")
@@ -93,7 +89,7 @@ def test_a_core_that_is_held_up_from_outside_is_seen():
 def test_clean_frames_skip_the_network_and_others_do_not():
     method = create("tcae", W, skip_clean=True)
     always = create("tcae", W)
-    clean = frames(3)
+    clean = (W.beat_shifted(250.0) + 0.3 * white(np.random.default_rng(1), 3)).astype(np.complex64)
     interfered = clean.copy()
     interfered[1, 1000:3000] += 8.0
     out = method.process(interfered)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import noise
 
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.altimeter.beat_spectra import Spectra
@@ -21,8 +22,7 @@ def descent(frames: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Altitudes in mid-frame at 5 m/s down, and frames at an SNR of 10 dB."""
     rng = np.random.default_rng(seed)
     path = 300.0 + SPEED * (np.arange(frames) + 0.5) * W.sweep_s
-    noise = rng.standard_normal((frames, N, 2), dtype=np.float32).view(np.complex64)[..., 0]
-    return path, point_return(W, path, vertical_speed_m_per_s=SPEED) + noise * np.float32(np.sqrt(0.05))
+    return path, point_return(W, path, vertical_speed_m_per_s=SPEED) + noise(rng, frames, 10.0)
 
 
 def late_rail(samples: np.ndarray) -> np.ndarray:
@@ -158,15 +158,12 @@ def test_a_buffer_that_comes_again_with_another_gain_phase_dc_or_dither_is_a_fai
 def test_a_hover_and_interference_that_repeats_itself_are_no_frozen_receiver(speed, strength):
     """A return that keeps its phase, in new noise; ten frames of interference again and again, 3 and 43 dB stronger."""
     rng = np.random.default_rng(3)
-    again = rng.standard_normal((10, N, 2), dtype=np.float32).view(np.complex64)[..., 0] * np.float32(
-        strength
-    )
+    again = np.float32(strength) * noise(rng, 10, -3.0)
     path = 300.0 + speed * (np.arange(1200) + 0.5) * W.sweep_s
 
     def batch(first: int) -> np.ndarray:
-        noise = rng.standard_normal((40, N, 2), dtype=np.float32).view(np.complex64)[..., 0]
         sent = point_return(W, path[first : first + 40], vertical_speed_m_per_s=speed)
-        return sent + noise * np.float32(np.sqrt(0.05)) + again[np.arange(first, first + 40) % 10]
+        return sent + noise(rng, 40, 10.0) + again[np.arange(first, first + 40) % 10]
 
     said = statuses(batch(first) for first in range(0, 1200, 40))
     assert Status.FAILURE not in said
@@ -185,8 +182,7 @@ def test_a_receiver_that_gives_nothing_or_a_constant_is_a_failure(value, status)
 
 def test_a_transmitter_that_is_off_is_no_computed_data():
     _, samples = descent(400)
-    rng = np.random.default_rng(3)
-    samples[200:] = rng.standard_normal((200, N, 2)).view(complex)[..., 0]
+    samples[200:] = noise(np.random.default_rng(3), 200, -3.0)
     outputs = AltitudeTracker(ALTIMETER).process(ALTIMETER.spectra(samples.astype(np.complex64)))
     assert np.all(outputs["status"][5:] == Status.NO_COMPUTED_DATA)
 
@@ -196,9 +192,7 @@ def test_i_and_q_exchanged_from_the_start_give_no_altitude_once_the_track_has_mo
     """A centred sweep's conjugate is the sweep half a frame later: the altitude is right, the Doppler's sign wrong."""
     rng = np.random.default_rng(4)
     path = 300.0 + speed * (np.arange(800) + 0.5) * W.sweep_s
-    noise = rng.standard_normal((800, N, 2), dtype=np.float32).view(np.complex64)[..., 0]
-    noise *= np.float32(np.sqrt(0.5 * 10.0 ** (-snr_db / 10.0)))
-    stream = (point_return(W, path, vertical_speed_m_per_s=speed) + noise).ravel()
+    stream = (point_return(W, path, vertical_speed_m_per_s=speed) + noise(rng, 800, snr_db)).ravel()
     for samples, given in ((stream, True), (1j * stream.conj()[N // 2 : -N // 2], False)):
         outputs = AltitudeTracker(ALTIMETER).process(
             ALTIMETER.spectra(samples.reshape(-1, N).astype(np.complex64))

@@ -159,14 +159,6 @@ def test_what_does_not_fit_is_one_line(tmp_path, change, said):
     assert "\n" not in str(caught.value)
 
 
-def test_not_finite_samples_are_named(tmp_path):
-    samples = np.ones(30_000, dtype=complex)
-    samples[7] = np.nan
-    emitter = RecordingEmitter(file=str(write(tmp_path, samples, 7.5e6)))
-    with pytest.raises(ValueError, match="not finite"):
-        emitter.samples(100, RATE_HZ, np.random.default_rng(7))
-
-
 def noisy(samples, snr_db, rng):
     """Mean power 1, and white noise over the whole rate."""
     noise = rng.standard_normal((samples.size, 2)).view(np.complex128)[:, 0]

@@ -13,6 +13,7 @@ import pytest
 import sigmf
 import uhd_double
 from scipy import signal
+from waiting import patient
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation import CUSTOM, METHODS
@@ -52,7 +53,7 @@ def live(tmp_path_factory):
     folder = tmp_path_factory.mktemp("live")
     scene = a_scene()
     result = run_point(
-        prepare(scene, EVERY_METHOD, folder), scene, time_limit_s=50, capture=folder / "flight"
+        prepare(scene, EVERY_METHOD, folder), scene, time_limit_s=patient(50), capture=folder / "flight"
     )
     return folder / "flight.sigmf-meta", scene, result
 
@@ -68,7 +69,9 @@ def test_a_replay_is_the_live_run_to_the_bit(live, tmp_path):
     placed, known = replay_scene(open_capture(path))
     assert known
     assert placed == scene
-    again = run_replay(prepare_replay(EVERY_METHOD, tmp_path), placed, path, known=known, time_limit_s=50)
+    again = run_replay(
+        prepare_replay(EVERY_METHOD, tmp_path), placed, path, known=known, time_limit_s=patient(50)
+    )
     assert result.segmenter["discontinuities"] == 1
     assert again.segmenter == result.segmenter
     for method in EVERY_METHOD:
@@ -86,13 +89,17 @@ def test_a_replay_off_the_air_is_the_live_run_to_the_bit(tmp_path, monkeypatch):
     rate_hz = scene.waveform.rate_hz
     key = CalibrationKey("B210", "R", scene.radio.master_clock_hz, rate_hz)
     store_latency_samples(uhd_double.LATENCY - 5, key)
-    options = {"transmit": True, "log": lambda line: None, "sleep": air.sleep, "time_limit_s": 50}
+    options = {"transmit": True, "log": lambda line: None, "sleep": air.sleep, "time_limit_s": patient(50)}
     result = run_hardware(scene, ("none", "tcae"), capture=tmp_path / "air", **options)
     store_latency_samples(uhd_double.LATENCY - 11, key)
     path = tmp_path / "air.sigmf-meta"
     placed, known = replay_scene(open_capture(path))
     again = run_replay(
-        prepare_replay(("none", "tcae"), tmp_path / "replay"), placed, path, known=known, time_limit_s=50
+        prepare_replay(("none", "tcae"), tmp_path / "replay"),
+        placed,
+        path,
+        known=known,
+        time_limit_s=patient(50),
     )
     for method in ("none", "tcae"):
         live, replayed = result.results[method], again.results[method]
@@ -169,7 +176,7 @@ def test_foreign_recordings_give_the_altitude(tmp_path, replayer, rate_hz, datat
     scene = parse_scene({"altimeter": {"max_altitude_m": 1500.0}})
     placed, known = replay_scene(open_capture(path), scene)
     assert not known
-    result = run_replay(replayer, placed, path, known=known, time_limit_s=50)
+    result = run_replay(replayer, placed, path, known=known, time_limit_s=patient(50))
     frames = result.results["none"]
     assert frames.size >= 34
     assert np.allclose(frames["altitude_m"][2:15], 0.0, atol=1.0)
@@ -382,7 +389,7 @@ def short(tmp_path_factory):
     """A short recording of ours."""
     folder = tmp_path_factory.mktemp("short")
     scene = a_scene(altitude={"programme_m": [60.0], "frames": 6}, channel={"snr_db": 10.0})
-    run_point(prepare(scene, ("none",), folder), scene, time_limit_s=50, capture=folder / "short")
+    run_point(prepare(scene, ("none",), folder), scene, time_limit_s=patient(50), capture=folder / "short")
     return folder
 
 

@@ -37,9 +37,3 @@ def test_files_of_the_forge_are_yaml_and_call_what_is_there(root, file):
     for script in re.findall(r"script: \[(.*)\]", text):
         for name in script.split(", "):
             assert (root / name).stat().st_mode & 0o111
-
-
-def test_hooks_run_the_ruff_that_make_lint_runs(root):
-    (repository,) = yaml.safe_load((root / ".pre-commit-config.yaml").read_text())["repos"]
-    for hook in repository["hooks"]:
-        assert hook["entry"].startswith(".venv/bin/python -m ruff ")

@@ -14,7 +14,7 @@ import pytest
 import uhd_double
 import zmq
 from gnuradio import gr, radalt
-from waiting import wait_for
+from waiting import patient, wait_for
 
 from radalt.core.radio.control import RequestError, parse_request
 from radalt.core.radio.endpoint import check_endpoint
@@ -105,7 +105,7 @@ def loop(tmp_path):
     assert states[0]["methods"] == ["none", "whitening"]
     yield client, endpoints, thread, ended
     stop.set()
-    thread.join(20)
+    thread.join(patient(20))
     assert not thread.is_alive()
 
 
@@ -129,7 +129,7 @@ def test_altitude_follows_what_is_set_and_stop_stops(loop):
         assert message["version"] == 1
         assert abs(message["altitude_m"] - altitude) < 5.0
     client.request("stop")
-    thread.join(20)
+    thread.join(patient(20))
     assert ended[0]["frames"]["none"] > 0
 
 
@@ -163,7 +163,7 @@ def test_malformed_requests_are_answered_and_change_nothing(loop):
             [b""] * 100,
         ):
             asking.send_multipart(parts)
-            assert asking.poll(2000)
+            assert asking.poll(1000 * patient(2))
             reply = json.loads(asking.recv())
             assert reply["ok"] is False
             assert reply["version"] == 1
@@ -264,7 +264,7 @@ def bench(tmp_path, capfd):
     def ask(*parts: bytes) -> dict:
         with client_of(f"ipc://{tmp_path}/control{len(made) - 1}") as asking:
             asking.send_multipart(parts)
-            assert asking.poll(60_000)
+            assert asking.poll(1000 * patient(60))
             return json.loads(asking.recv())
 
     yield SimpleNamespace(
@@ -436,7 +436,7 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
     finally:
         go_on.set()
         stop.set()
-        thread.join(20)
+        thread.join(patient(20))
         assert not thread.is_alive()
 
 

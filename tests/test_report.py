@@ -55,14 +55,13 @@ def rows_of(scene, batches=1):
             correct = correct_of(method, point, trials)
             squared = 0.04 * trials + 1e4 * (trials - correct)
             s = Score(trials, trials, correct, trials, 0, 0, squared, 0.1, 0.04 * trials)
-            seed = point_seed(scene.seed, point)
-            timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
-            timing["right"] = bits(np.arange(trials) < correct)
-            out.append(
-                make_row(
-                    method, scene.interference_name, point, seed, s, diverged_frames=0, segmenter={}, **timing
-                )
+            seed, found = (
+                point_seed(scene.seed, point),
+                s.row() | {"right": bits(np.arange(trials) < correct)},
             )
+            timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
+            where = (method, scene.interference_name, point, seed, found)
+            out.append(make_row(*where, diverged_frames=0, segmenter={}, **timing))
     return out
 
 
@@ -72,9 +71,9 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
     rows = []
     for method, count in right.items():
         s = Score(100, 100, count, 100, 0, 0, 4.0, 0.1, 4.0)
-        where = (method, "qpsk", OverlapPoint.at(1.0, -28, 10), 1, s)
-        bit = bits(np.arange(100) < count)
-        more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0, "right": bit}
+        found = s.row() | {"right": bits(np.arange(100) < count)}
+        where = (method, "qpsk", OverlapPoint.at(1.0, -28, 10), 1, found)
+        more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
         rows.append(make_row(*where, diverged_frames=0, segmenter={}, **more))
     text = verdict(rows, "simulated", {"bandwidth_hz": 7.5e6})
     assert text.startswith(
@@ -112,7 +111,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
         if row["sir_db"] == -28 and row["overlap"]:
             labels = (row["method"], row["interference"], point, row["seed"])
             timing = {"ms_per_frame": np.zeros(0), "real_time_factor": 1.5}
-            row = make_row(*labels, lost, diverged_frames=0, segmenter={}, **timing)
+            row = make_row(*labels, lost.row(), diverged_frames=0, segmenter={}, **timing)
             assert row["pd"] is None and row["trials"] == 0
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))
@@ -254,17 +253,6 @@ def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_pa
         assert (row["pd_low"], row["pd_high"]) == pytest.approx(wilson_interval(row["correct"], 300))
         assert row["rmse_detected_m"] == pytest.approx(single["rmse_detected_m"])
     assert (tmp_path / "all" / "pd_vs_overlap.png").stat().st_size > 10_000
-
-
-def test_runs_that_swept_the_sir_alone_are_drawn_against_it(tmp_path, undrawn):
-    swept = SweepSpec(overlap=(1.0,), sir_db=(-10.0, -20.0, -28.0))
-    page, _ = collect([finished(tmp_path / "a", scene_of(sweep=swept))], tmp_path / "all")
-    text = page.read_text(encoding="utf-8")
-    assert text.startswith("# Pd against SIR, 1 run\n") and "pd_vs_sir.png" in text
-    assert "pd_vs_overlap" not in text
-    collect([finished(tmp_path / "b", scene_of())], tmp_path / "all")
-    drawn = sorted(f.name for f in (tmp_path / "all").glob("pd_vs_*.png"))
-    assert drawn == ["pd_vs_overlap.png", "pd_vs_runtime.png"]
 
 
 def test_methods_of_two_folders_are_compared_on_the_frames_of_both(tmp_path, undrawn):

@@ -167,31 +167,14 @@ def test_files_are_sought_beside_the_scene_then_in_the_working_folder(key, tmp_p
         assert path in re.split(r"['+]", str(load_scene(scene)))
 
 
-def test_files_of_a_landing_are_sought_beside_the_scene_then_among_the_shipped(tmp_path, monkeypatch):
-    (tmp_path / "mine.yaml").write_text("landing: {}\naltitude: {programme_m: [9]}")
-    shipped = load_scene(tmp_path / "mine.yaml").landing
-    name = shipped.trajectory.file
-    (tmp_path / "mine.yaml").write_text(
-        f"landing: {{trajectory: {{file: {name}}}}}\naltitude: {{programme_m: [9]}}"
-    )
-    assert load_scene(tmp_path / "mine.yaml").landing == shipped
-    (tmp_path / name).touch()
-    assert load_scene(tmp_path / "mine.yaml").landing.files()["trajectory"] == tmp_path / name
-
-
-def test_broken_missing_and_binary_files_are_named(tmp_path):
+def test_broken_and_missing_files_are_named(tmp_path):
     (tmp_path / "broken.yaml").write_text("name: x\nwaveform: {rate_hz: 1\naltitude: 3\n")
     with pytest.raises(SceneError, match=r"broken.yaml: not valid YAML at line [23]: "):
         load_scene(tmp_path / "broken.yaml")
     with pytest.raises(SceneError, match="did you mean 'paper_qpsk'"):
         load_scene("paper_qsk")
-    with pytest.raises(SceneError, match="none.yaml: cannot be read .*No such file.*shipped scene's name"):
-        load_scene(tmp_path / "none.yaml")
     with pytest.raises(SceneError, match="no_such_scene.yaml: cannot be read"):
         load_scene("no_such_scene")
-    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(SceneError, match="binary.yaml: cannot be read .not text in UTF-8"):
-        load_scene(tmp_path / "binary.yaml")
 
 
 # -- points of a sweep ------------------------------------------------------------------------------------------------

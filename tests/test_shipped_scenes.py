@@ -1,12 +1,8 @@
 """Shipped scenes: each loads, plays at its SIR through the jammer block, and runs to a report."""
 
-import json
-
 import numpy as np
-import ota_eval
 import pytest
 from gnuradio import radalt
-from hostile import ended
 from test_blocks import Collect, run
 
 from radalt.core.scene import SceneError, load_scene, parse_scene
@@ -68,14 +64,3 @@ def test_faa_mask_keeps_its_level_through_multipath():
         for more in ({}, {"fading": {}})
     )
     assert from_block.sir_db == direct.sir_db
-
-
-@pytest.mark.parametrize(("name", "altitudes"), [("mixture", "100,30"), ("faa_mask", "30")])
-def test_evaluation_of_the_scene_ends_in_a_report(tmp_path, name, altitudes, measured_here, undrawn):
-    out = tmp_path / name
-    words = f"--sim --scene {name} --overlap 0.6 --altitudes {altitudes} --frames 2 --methods none,whitening --jobs 1"
-    assert ended(ota_eval.main, *words.split(), "--out", out) == (0, "")
-    report = json.loads((out / "report.json").read_text())
-    assert {row["method"] for row in report["rows"]} == {"none", "whitening"}
-    frames = 2 * len(altitudes.split(","))
-    assert all(row["trials"] == frames and row["frames_lost"] == 0 for row in report["rows"])

@@ -13,6 +13,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, radalt
+from waiting import patient
 
 from radalt.blocks._frames import time_tag
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
@@ -341,7 +342,7 @@ class TestThroughTheBlock:
         top.connect(source, block, sink)
         runner = threading.Thread(target=top.run, daemon=True)
         runner.start()
-        runner.join(120)
+        runner.join(patient(120))
         assert not runner.is_alive() and getattr(block, "error", None) is None
         assert seen
         results = sink.results()  # of what the block handed on, by the altimeter behind it

@@ -5,6 +5,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from frames import white
 from pages import assert_whole
 
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
@@ -35,7 +36,7 @@ def not_passed(rows):
     ]
 
 
-@pytest.mark.parametrize("method", ["none", "whitening", "blanking", "nlms"])
+@pytest.mark.parametrize("method", ["none", "whitening", "nlms"])
 def test_number_range_and_converters(method):
     """Zeros, denormals, NaN, infinity, 1e38, one bit: no exception, no wrong altitude, the next frame right again."""
     assert not not_passed(judge_all(cases.number_cases(), compared_chains([method])))
@@ -76,8 +77,7 @@ def test_what_the_network_leaves_of_nothing_is_no_line_that_stays():
     rng, network = np.random.default_rng(70), create("tcae", W)
     altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
     nr5 = load_scene("nr5").at(overlap=1.0, sir_db=-70.0)
-    frames = rng.standard_normal((96, 2 * W.samples_per_frame)).view(complex) * np.sqrt(0.5)
-    frames += interference_frames(nr5.interference, 96, W.samples_per_frame, W.rate_hz, rng)
+    frames = white(rng, 96) + interference_frames(nr5.interference, 96, W.samples_per_frame, W.rate_hz, rng)
     spectra = altimeter.spectra(network.process(frames.astype(np.complex64)))
     cells = altimeter.significance(spectra)
     together = (cells.power / cells.level).mean(axis=0).sum(axis=0)  # 2 where all is alike

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import white
 from scipy.stats import binomtest
 
 from radalt.bench.textbook import THRESHOLD, textbook_altitudes
@@ -26,7 +27,7 @@ def frames_of(scene_name: str, sir_db: float, snr_db: float = 10.0) -> tuple[np.
         frames += interference_frames(
             scene.interference, FRAMES, 7500, 7.5e6, rng, total_sir_db=scene.total_sir_db
         )
-    frames += 10 ** (-snr_db / 20) * np.sqrt(0.5) * rng.standard_normal((FRAMES, 15000)).view(complex)
+    frames += 10 ** (-snr_db / 20) * white(rng, FRAMES)
     return frames.astype(np.complex64), altitudes
 
 
@@ -88,10 +89,10 @@ def test_what_a_textbook_cfar_declares_ours_declares(method, scene, sir_db):
 
 def test_the_textbooks_threshold_is_our_bound_in_white_noise():
     rng = np.random.default_rng(23)
-    noise = (rng.standard_normal((1200, 15000)) * np.sqrt(0.5)).astype(np.float32).view(np.complex64)
-    ratio = np.concatenate([textbook(some, 0.0)[1] for some in np.split(noise, 75)])
+    noise = white(rng, 600).astype(np.complex64)
+    ratio = np.concatenate([textbook(some, 0.0)[1] for some in np.split(noise, 40)])
     still = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
-    low, high = clopper_pearson(int(np.sum(ratio > THRESHOLD[0.0])), 1200)
+    low, high = clopper_pearson(int(np.sum(ratio > THRESHOLD[0.0])), 600)
     assert low <= still.false_alarms_per_frame <= high
 
 
@@ -106,8 +107,7 @@ def test_without_noise_both_measure_the_same():
 @pytest.mark.parametrize("method", ["whitening", "nlms", "tcae"])
 def test_false_altitudes_in_noise_alone_stay_within_the_bound(method):
     """False altitudes of a method: the lower end of the interval lies within the design's bound."""
-    rng = np.random.default_rng(29)
-    noise = (rng.standard_normal((600, 15000)) * np.sqrt(0.5)).astype(np.float32).view(np.complex64)
+    noise = white(np.random.default_rng(29), 600).astype(np.complex64)
     cleaned = create(method, W).process(noise)
     for speed in THRESHOLD:
         altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed))

@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 import pytest
+from frames import white
 from waiting import ran
 
 from radalt.core.mitigation import create
@@ -75,8 +76,7 @@ def test_export_for_every_sweep_loads_and_is_the_same_network_at_its_own(trainin
     assert status == 0, errors
     assert "against PyTorch: relative error" in said
     rng = np.random.default_rng(2)
-    noise = rng.standard_normal((2, 7500, 2)).view(np.complex128)[..., 0]
-    frames = (Waveform().reference + noise).astype(np.complex64)
+    frames = (Waveform().reference + 1.4 * white(rng, 2)).astype(np.complex64)
     unchecked = {"shift_check": False, "skip_white": False}
     mine = create("tcae", Waveform(), model=model, **unchecked).process(frames)
     own = create("tcae", Waveform()).process(frames)

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.interference.placement import interference_frame
 from radalt.core.scene import load_scene
-from radalt.evaluation.commands import make_recording
 from radalt.evaluation.transmitters import TRANSMITTERS, transmit
 
 SECONDS = 0.02
@@ -68,18 +66,6 @@ def test_the_payload_follows_the_seed(sent):
     same, other = transmit("dvbs2", SECONDS, 3), transmit("dvbs2", SECONDS, 4)
     assert np.array_equal(same, sent["dvbs2"])
     assert abs(np.vdot(same, other)) / same.size < 0.9  # headers and pilots are common
-
-
-@pytest.mark.parametrize("name", ["dvbt", "ofdm"])
-def test_its_scene_plays_what_the_command_makes(tmp_path, monkeypatch, capsys, name):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(make_recording, "SECONDS", SECONDS)
-    assert make_recording.main(["--from", name]) == 0
-    (one,) = load_scene(name).interference
-    assert capsys.readouterr().out.strip() == one.emitter.file
-    frame = interference_frame(one, 7500, 7.5e6, np.random.default_rng(1))
-    assert 10 * np.log10(np.mean(np.abs(frame) ** 2)) == pytest.approx(20.0)
-    assert any("by GNU Radio's own blocks" in note for note in one.emitter.notes(7.5e6))
 
 
 def test_every_transmitter_has_a_scene_of_its_name():

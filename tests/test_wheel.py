@@ -65,15 +65,12 @@ def test_it_measures_and_commands_say_what_they_need(site, tmp_path):
 import radalt
 assert radalt.__file__.startswith({str(site)!r}), radalt.__file__
 point = dict(sir_db=-30, overlap=1, altitude_m=100, frames=4)
-report = radalt.evaluate("nr5", ["none", "tcae"], **point, out="one", progress=False)
-assert report.html.is_file() and len(report.table) == 2
+assert len(radalt.evaluate("nr5", ["none", "tcae"], **point, progress=False).table) == 2
 from radalt.evaluation import programs
-assert programs.main(["collect", str(report.folder), "--out", "all"]) == 0
 assert programs.main(["eval", "--sim"]) == programs.main(["remote", "--sim"]) == 2
 """
     done = python(site, tmp_path, "-c", code)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "all/report.md").is_file()
     lines = done.stderr.splitlines()
     assert len(lines) == 2
     assert all("has no GNU Radio 3.10, which this command needs" in line for line in lines)

@@ -18,10 +18,15 @@ def crowd() -> float:
     return max(1.0, (time.monotonic() - begun) / 0.05)
 
 
+def patient(limit_s: float) -> float:
+    """How long, s, something may take here that takes at most ``limit_s`` on a machine that has nothing else to do."""
+    return limit_s * crowd()
+
+
 def over(begun: float, limit_s: float) -> bool:
     """Whether a wait has lasted as long as it may, which is longer where the machine has more to do."""
     spent_s = time.monotonic() - begun
-    return spent_s >= limit_s and spent_s >= limit_s * crowd()
+    return spent_s >= limit_s and spent_s >= patient(limit_s)
 
 
 def wait_for(

@@ -6,6 +6,7 @@ sections. These have no page of their own, and links to them lead to the section
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 _CODE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#(#*) (.*)$", re.MULTILINE)
+_NOTEBOOK = "notebook.ipynb"
 _LINK = re.compile(r"\]\((?:((?:\.\./)?)([\w-]+)\.md)?(?:#([\w-]+))?\)")
 _COLUMN_PX = 510  # widest picture whose type is legible in a column of 400 px
 _UNITS = r"%|dBm?\b|[mu]?s\b|k?m\b|ft\b|m/s\b|[kMG]?Hz\b|MS/s\b|[MG]i?B\b"
@@ -54,7 +56,7 @@ def with_links(text: str, pages: dict[str, list[str]]) -> str:
             return found[0]
         return f"]({above}{page_of[file]}.md#{file}{f'-{where}' if where else ''})"
 
-    return _LINK.sub(link, text)
+    return _LINK.sub(link, text).replace(f"]({_NOTEBOOK})", f"]({_NOTEBOOK[:-6]}.md)")
 
 
 def page_text(title: str, texts: dict[str, str]) -> str:
@@ -71,8 +73,25 @@ def page_text(title: str, texts: dict[str, str]) -> str:
     return made
 
 
+def notebook(text: str) -> str:
+    """Markdown of a notebook with the outputs that are stored in it."""
+    made = []
+    for cell in json.loads(text)["cells"]:
+        source = "".join(cell["source"])
+        made.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", []):
+            png = output.get("data", {}).get("image/png")
+            words = "".join(output.get("text", ""))
+            made.append(f"![Output](data:image/png;base64,{png.strip()})" if png else f"```text\n{words}```")
+    return "\n\n".join(made)
+
+
 def on_files(files: Any, config: Any) -> None:
-    """Leave out the pages of the files that are sections."""
+    """Leave out the pages of the files that are sections, and add that of the notebook."""
+    from mkdocs.structure.files import File
+
+    text = notebook((Path(config["docs_dir"]) / _NOTEBOOK).read_text(encoding="utf-8"))
+    files.append(File.generated(config, f"{_NOTEBOOK[:-6]}.md", content=text))
     for _, *rest in config["extra"]["pages"].values():
         for file in rest:
             files.remove(files.get_file_from_path(f"{file}.md"))
@@ -111,8 +130,10 @@ def on_page_content(html: str, page: Any, config: Any, **_: Any) -> str:
     )
 
     def picture(found: re.Match[str]) -> str:
+        if found[2].startswith("data:"):
+            return found[0]
         head = (Path(config["docs_dir"], page.file.src_uri).parent / found[2]).read_bytes()[:2000]
-        drawn = re.search(rb'<svg[^>]*width="([\d.]+)', head)
+        drawn = re.search(rb'<svg[^>]*?\swidth="([\d.]+)', head)
         px = float(drawn[1]) if drawn else 0.6 * int.from_bytes(head[16:20], "big")
         size = f' class="page" style="--drawn: {px:.0f}px"' if px > _COLUMN_PX else ""
         return f'<a href="{found[2]}">{found[1]}{size}></a>'

@@ -75,8 +75,10 @@ def main() -> int:
     parser.add_argument("results", type=Path, nargs="+", help="folders of runs of the list two_channels")
     folders = parser.parse_args().results
     rows = [row for folder in folders for row in read_rows(folder / "rows.csv")]
-    figure = new_figure(12.5, 4.1)
-    left, right, last = figure.subplots(1, 3)
+    figure = new_figure(7.0, 6.4)
+    (left, right), (last, unused) = figure.subplots(2, 2)
+    unused.remove()
+    last.set_subplotspec(figure.axes[0].get_gridspec()[1, :])
     for case, label, colour, line, marker in CURVES:
         own = [r for r in rows if r["case"] == case and r["overlap"] == 1.0]
         # the last one of a level is the best
@@ -90,7 +92,7 @@ def main() -> int:
     left.set(xlabel="SIR / dB", ylabel="Pd (error < 5 m)", ylim=(-0.02, 1.04))
     left.set_title("One direction: 5G and noise alike", fontsize=10)
     left.invert_xaxis()
-    left.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
+    left.legend(fontsize=9, loc="lower left", frameon=False, handlelength=1.5)
     for taps, style in ((1, "k:"), (9, "k--"), (17, "k-")):
         reach = {"reach_s": (taps // 2 + 0.1) / 7.5e6}
         depths = [cancelled({"directions": {"delay_s": ns * 1e-9}}, reach)[0] for ns in DELAYS_NS]
@@ -100,7 +102,7 @@ def main() -> int:
     right.minorticks_off()
     right.set(xlabel="delay between the antennas / ns", ylabel="depth of the null / dB", ylim=(0, 60))
     right.set_title("Taps make up for the delay", fontsize=10)
-    right.legend(fontsize=8)
+    right.legend(fontsize=9)
     found = {name: cancelled(*changes) for name, changes in MISMATCHES.items()}
     last.barh(list(found), [depth_db for depth_db, _ in found.values()], color="#0072B2")
     last.invert_yaxis()

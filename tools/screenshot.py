@@ -44,30 +44,11 @@ SHOWS = {
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
-    add(
-        "--out",
-        type=path,
-        default=Path("docs/live_view.png"),
-        help="PNG file (default: %(default)s)",
-    )
+    add("--out", type=path, default=Path("docs/live_view.png"), help="PNG file (default: %(default)s)")
     add("--show", choices=sorted(SHOWS), default="descent", help="what happens (default: %(default)s)")
-    add(
-        "--scene",
-        default="paper_qpsk",
-        help="YAML file, or the name of a shipped scene (default: %(default)s)",
-    )
-    add(
-        "--sir-db",
-        type=number(float, -200, 200),
-        default=-32.0,
-        help="signal-to-interference ratio (default: %(default)g)",
-    )
-    add(
-        "--overlap",
-        type=number(float, 0, 1),
-        default=1.0,
-        help="active fraction of the sweep (default: %(default)g)",
-    )
+    add("--scene", default="paper_qpsk", help="a file or a shipped scene (default: %(default)s)")
+    add("--sir-db", type=number(float, -200, 200), default=-32.0, help="SIR (default: %(default)g)")
+    add("--overlap", type=number(float, 0, 1), default=1.0, help="of the sweep (default: %(default)g)")
     add("--method", default="whitening", help="chosen method (default: %(default)s)")
     add(
         "--frames",
@@ -76,10 +57,7 @@ def _parser() -> Parser:
         help="frames of each step (default: %(default)s)",
     )
     add(
-        "--time-limit-s",
-        type=number(float, 0, 10000000.0),
-        default=600.0,
-        help="longest run (default: %(default)g)",
+        "--time-limit-s", type=number(float, 0, 1e7), default=600.0, help="longest run (default: %(default)g)"
     )
     return parser
 

@@ -5,9 +5,8 @@
 
 The second writes a network that serves every sweep. ``--weights`` takes weights and provenance from an exported model.
 
-Variants use fewer bits than ``float32``: ``float16`` and ``int8`` store the weights so and widen them when the model is
-loaded (the arithmetic stays float32); ``int8-dynamic`` computes matrix products in int8; ``int8-static`` computes
-convolutions in int8, with ranges from examples of the training data.
+Variants store the weights in fewer bits than ``float32`` and widen them when the model is loaded: the arithmetic stays
+float32.
 """
 
 from __future__ import annotations
@@ -40,8 +39,7 @@ from radalt.core.waveform import Waveform
 
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCE = 1e-4  # relative error of the exported graph against PyTorch
-PRECISIONS = ("float32", "float16", "int8", "int8-dynamic", "int8-static")
-_CALIBRATION = 32  # examples from which int8-static takes its ranges
+PRECISIONS = ("float32", "float16", "int8")
 # sweeps on which a network for any sweep is checked
 SWEEPS = (
     Waveform(5e6, 0.3e-3, 7.5e6),
@@ -157,58 +155,11 @@ def _write(
 
 def narrow(source: Path, target: Path, precision: str) -> None:
     """Write a variant of a float32 model."""
-    if precision == "int8-dynamic":
-        from onnxruntime.quantization import QuantType, quantize_dynamic
-
-        _fold(source, target)
-        quantize_dynamic(target, target, per_channel=True, weight_type=QuantType.QInt8)
-        entries = exported_metadata(source)
-        model = onnx.load(str(target))
-    elif precision == "int8-static":
-        from onnxruntime.quantization import QuantType, quantize_static
-
-        entries = exported_metadata(source)
-        _fold(source, target)
-        quantize_static(
-            target,
-            target,
-            _Calibration(entries),
-            op_types_to_quantize=["Conv"],
-            per_channel=True,
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-        )
-        model = onnx.load(str(target))
-    else:
-        model = onnx.load(str(source))
-        entries = {p.key: p.value for p in model.metadata_props}
-        _store(model, precision)
+    model = onnx.load(str(source))
+    entries = {p.key: p.value for p in model.metadata_props}
+    _store(model, precision)
     helper.set_model_props(model, entries | {"radalt_precision": precision})
     onnx.save(model, str(target))
-
-
-def _fold(source: Path, target: Path) -> None:
-    """Write a model with folded constants: the quantiser does not accept weights that a node scales."""
-    options = onnxruntime.SessionOptions()
-    options.optimized_model_filepath = str(target)
-    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
-    onnxruntime.InferenceSession(str(source), options, providers=["CPUExecutionProvider"])
-
-
-class _Calibration:
-    """Examples of the training data for `quantize_static`, four at a time."""
-
-    def __init__(self, entries: dict[str, str]) -> None:
-        received, _, _ = make_batch(
-            CONFIGS[RECIPES[entries["radalt_recipe"]].data], Waveform(), 55, 0, _CALIBRATION
-        )
-        planes = normalise(torch.from_numpy(received), entries["radalt_normalisation"]).numpy()
-        self._batches = iter(np.split(planes, _CALIBRATION // 4))
-
-    def get_next(self) -> dict[str, np.ndarray] | None:
-        """The next batch, None after the last."""
-        batch = next(self._batches, None)
-        return None if batch is None else {"iq": batch}
 
 
 def _store(model: onnx.ModelProto, precision: str) -> None:

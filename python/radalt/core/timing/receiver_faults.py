@@ -29,9 +29,17 @@ class ReceiverFaults:
         self._step = max(1, waveform.samples_per_frame // _MARKS)
         self.fault = ""
 
-    def found_in(self, samples: np.ndarray, index: int) -> bool:
-        """Whether a frame is faulty; sets `fault`."""
-        if self._repeats(samples):
+    def marks(self, frames: np.ndarray) -> list[bytes]:
+        """Samples that distinguish each frame (n, N); empty without noise, and for zeros, which are no signal."""
+        if self._repeated is None:
+            return [b""] * len(frames)
+        marks = frames[:, :: self._step].astype(np.complex64)
+        signal = marks.any(axis=1).tolist()
+        return [mark.tobytes() if some else b"" for mark, some in zip(marks, signal, strict=True)]
+
+    def found_in(self, samples: np.ndarray, mark: bytes, index: int) -> bool:
+        """Whether a frame is faulty, by its samples and its `marks`; sets `fault`."""
+        if mark and self._repeated is not None and self._repeated.again(mark):
             self.fault = "frozen"
         elif self.fault == "quadrature" or index % _EVERY == 0:
             self.conjugated(samples)
@@ -43,10 +51,3 @@ class ReceiverFaults:
         """Whether a frame holds the conjugate of its sweep; sets `fault`."""
         self.fault = "quadrature" if self._finder.image_share(samples) >= _IMAGE_SHARE else ""
         return bool(self.fault)
-
-    def _repeats(self, samples: np.ndarray) -> bool:
-        if self._repeated is None:
-            return False
-        marks = samples[None, :: self._step]
-        # nothing but zeros is no signal, which the altimeter says
-        return bool(marks.any() and self._repeated.check(marks)[0])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..altimeter.beat_spectra import BeatSpectra, Spectra
+from ..spectral_line import noise_level
 
 # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
 _MEMORY_S = 1.0
@@ -14,9 +15,9 @@ _NOISE_CELLS, _LIKE = 24, 0.85
 # with the same noise that have it; times in a row with the same lag. Under interference that repeats itself exactly the
 # return of an aircraft has another phase in all but one of a hundred.
 _SAME_PHASE, _MOST, _TIMES = 0.3, 0.9, 3
-# Power over the median at which the difference of two frames has a line (white noise: once in a billion cells), and
+# Power over the noise at which the difference of two frames has a line (white noise: once in a billion cells), and
 # over the strongest line of a frame: below it is rounding.
-_LINE, _ROUNDING = 30.0, 1e-9
+_LINE, _ROUNDING = 21.0, 1e-9
 
 
 class RepeatedFrames:
@@ -45,17 +46,17 @@ class RepeatedFrames:
 
     def check(self, marks: np.ndarray) -> np.ndarray:
         """(n,) bool: which of these frames repeat an earlier one; ``marks`` is (n, ...) of any kind of number."""
-        marks = np.ascontiguousarray(marks)
-        again = np.zeros(len(marks), dtype=bool)
-        for k, mark in enumerate(marks):
-            word = mark.tobytes()
-            again[k] = self._count - self._seen.get(word, -self._memory - 1) <= self._memory
-            self._seen[word] = self._count
-            self._count += 1
-        if len(self._seen) > 2 * self._memory:
-            oldest = self._count - self._memory
-            self._seen = {word: number for word, number in self._seen.items() if number >= oldest}
-        return again
+        return np.array([self.again(mark.tobytes()) for mark in marks], dtype=bool)
+
+    def again(self, word: bytes) -> bool:
+        """Whether the next frame, whose marks are the bytes ``word``, repeats an earlier one."""
+        count, seen = self._count, self._seen
+        repeats = count - seen.get(word, -self._memory - 1) <= self._memory
+        seen[word] = count
+        self._count += 1
+        if len(seen) > 2 * self._memory:
+            self._seen = {word: number for word, number in seen.items() if number > count - self._memory}
+        return repeats
 
 
 class RepeatedNoise:
@@ -158,5 +159,5 @@ class RepeatedNoise:
             np.sum(np.abs(old) ** 2, axis=-1), np.finfo(np.float32).tiny
         )
         power = np.abs(whole - gain[:, None] * old) ** 2
-        least = _LINE * np.median(power, axis=-1) + _ROUNDING * np.max(np.abs(whole) ** 2, axis=-1)
+        least = _LINE * noise_level(power) + _ROUNDING * np.max(np.abs(whole) ** 2, axis=-1)
         return bool((power.max(axis=-1) > least).all())

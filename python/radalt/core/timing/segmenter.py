@@ -138,7 +138,7 @@ class FrameSegmenter:
         return self._origin + self._filled
 
     def reacquire(self) -> None:
-        """Acquire timing again; the altitude has to be zero now."""
+        """Acquire timing again; the altitude has to be zero."""
         self._held.clear()
         self._slips.clear()
         self.state = ACQUIRING
@@ -157,8 +157,7 @@ class FrameSegmenter:
             while taken < samples.size:
                 left = samples.size - taken
                 if self.state == LOCKED and not (self._filled or self._discard) and left >= n:
-                    self._emit(samples[taken : taken + n].astype(np.complex64, copy=not lend), out)
-                    taken += n
+                    taken += self._emit_whole(samples[taken : taken + left // n * n], out, lend=lend)
                     continue
                 end = self._first + self._filled
                 if self._buffer.size - end < left and self._first:
@@ -237,10 +236,10 @@ class FrameSegmenter:
         if self._filled < self._n:
             return False
         if self.state == LOCKED:
-            samples = self._waiting(0, self._n).copy()
+            samples = self._waiting(0, self._n)
             self._first += self._n
             self._filled -= self._n
-            return self._emit(samples, out)
+            return bool(self._emit_whole(samples, out, lend=False))
         if self.state == RESYNC:
             return self._confirm_index()
         return self._wait_for_sync()
@@ -275,7 +274,7 @@ class FrameSegmenter:
         exact = found[1] - self.reference_samples
         start = self._n + found[0] + round(exact)
         self._offset_s = (exact - round(exact)) / self.waveform.rate_hz
-        # timing is known now, also for earlier frames: go back to the first whole one
+        # timing is known, also of earlier frames: go back to the first whole one
         first = start % self._n
         self._consume(first)
         # one sample of tolerance: a latency near zero may be estimated slightly below it
@@ -293,12 +292,22 @@ class FrameSegmenter:
 
     # -- locked ---------------------------------------------------------------------------------------------------
 
-    def _emit(self, samples: np.ndarray, out: list[Frame]) -> bool:
-        if self._faults.found_in(samples, self._index):  # as received, before anything is subtracted
+    def _emit_whole(self, samples: np.ndarray, out: list[Frame], *, lend: bool) -> int:
+        """Emit the whole frames of ``samples`` until the lock is lost; returns how many samples these are."""
+        frames, done = samples.reshape(-1, self._n), 0
+        for frame, mark in zip(frames, self._faults.marks(frames), strict=True):
+            self._emit(frame.astype(np.complex64, copy=not lend), mark, out)
+            done += self._n
+            if self.state != LOCKED:
+                break
+        return done
+
+    def _emit(self, samples: np.ndarray, mark: bytes, out: list[Frame]) -> None:
+        if self._faults.found_in(samples, mark, self._index):  # before anything is subtracted
             self.counters["faulty_frames"] += 1
             self._origin += self._n
             self._index += 1
-            return True
+            return
         frame = Frame(self._index, self._origin, samples, self._offset_s)
         slip = None
         if self._leakage is not None:
@@ -309,7 +318,7 @@ class FrameSegmenter:
         self._index += 1
         if not self.settings.monitor:
             out.append(frame)
-            return True
+            return
         sent = self._expected(frame.index)
         seen_before = self._unseen <= _UNSEEN
         found = NOT_CHECKED
@@ -327,12 +336,11 @@ class FrameSegmenter:
             counted = self._index
             if not self._check_back(out):
                 self.counters["unlocked_frames"] += 1
-                return True
+                return
             if self._index != counted:
                 frame.index += self._index - counted
                 found = self._verdict(frame)
         self._judge(frame, found, out)
-        return True
 
     def _check_back(self, out: list[Frame]) -> bool:
         """Judge the frames from the first unchecked one on, now that the sweep shows; whether the lock holds."""

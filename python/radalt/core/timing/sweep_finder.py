@@ -7,6 +7,7 @@ from scipy import fft
 from scipy.linalg import blas
 
 from ..altimeter.altimeter import AltimeterSettings, shared_altimeter
+from ..spectral_line import peak_curve, peak_offset
 from ..waveform import Waveform, altitude_to_delay_s, sum_of_waves
 from .segmenter_settings import SegmenterSettings
 
@@ -44,9 +45,10 @@ class SweepFinder:
         # of its bins the first below the band, which is -B/2..B/2 or 0..B
         self._wraps = (self._n + 1) // 2 if waveform.centered else self._n
         flank = float(np.sinc(waveform.bandwidth_hz / waveform.rate_hz))  # response a sample off the peak
-        self._share = flank / (1.0 + flank)
-        self._fine_strength = _FINE_STRENGTH / (1.0 - 2.0 * self._share) ** 2
+        self._fine_strength = _FINE_STRENGTH * ((1.0 + flank) / (1.0 - flank)) ** 2
+        self._peak_curve = peak_curve(np.ones(512), waveform.bandwidth_hz / waveform.rate_hz / 512)
         self._expected: dict[tuple[float, float, float], np.ndarray] = {}
+        self._delayed = math.nan, self._spectrum
         self.quality_db = float("nan")
 
     def locate(self, samples: np.ndarray) -> tuple[int, float] | None:
@@ -135,15 +137,12 @@ class SweepFinder:
         best = response.index(max(response))
         strength = response[best] ** 2 * self._n / energy
         self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
-        away = max(r for shift, r in enumerate(response) if abs(shift - best) >= 2)
+        away = max(response[: max(0, best - 1)] + response[best + 2 :])
         if strength < self._settings.lock_threshold or response[best] ** 2 < ALONE * away**2:
             return None
         if strength < self._fine_strength or not 0 < best < 4:
             return float(best - 2), strength
-        # the filter's response is a sinc of the bandwidth: the neighbour's share is 1/2 between two samples
-        other = best + (1 if response[best + 1] > response[best - 1] else -1)
-        share = response[other] / (response[other] + response[best])
-        fraction = (other - best) * (share - self._share) / (1.0 - 2.0 * self._share)
+        fraction = float(peak_offset(np.square(response[best - 1 : best + 2]), self._peak_curve))
         return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
 
     def expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
@@ -152,19 +151,28 @@ class SweepFinder:
         if key not in self._expected:
             if len(self._expected) >= 64:
                 self._expected.clear()
-            w, delay = self._waveform, offset_s
+            w, delay_s = self._waveform, float(altitude_to_delay_s(altitude_m))
             if self._true_delay:  # the sweep before ends as this one does
-                delay, spectrum = delay + float(altitude_to_delay_s(altitude_m)), self._spectrum
+                spectrum = self._spectrum * self._delay(offset_s + delay_s)
             else:
-                spectrum = fft.fft(w.beat_shifted(altitude_m))
-            spectrum = spectrum * self._ramp(-delay * w.rate_hz / self._n)
-            spectrum[self._wraps :] *= np.complex64(np.exp(2j * np.pi * delay * w.rate_hz))
+                half = self._ramp(-w.slope_hz_per_s * delay_s / w.rate_hz, self._n // 2 + 1)
+                frame = w.reference * np.concatenate([half[:-1], half[:0:-1]])
+                spectrum = fft.fft(frame) * self._delay(offset_s)
             frame = fft.ifft(spectrum) * np.float32(1 / np.sqrt(self._n))
             if self._true_delay and rate_m_per_s:
-                frame *= self._ramp(-float(w.vertical_speed_to_doppler_hz(rate_m_per_s)) / w.rate_hz)
+                frame *= self._ramp(-float(w.vertical_speed_to_doppler_hz(rate_m_per_s)) / w.rate_hz, self._n)
             self._expected[key] = frame
         return self._expected[key]
 
-    def _ramp(self, step_cycles: float) -> np.ndarray:
-        """(N,) complex64 unit phasors that advance by so many cycles per sample."""
-        return sum_of_waves(np.ones(1), np.array([step_cycles]), self._n).astype(np.complex64)
+    def _delay(self, delay_s: float) -> np.ndarray:
+        """(N,) complex64 factors of a sweep's spectrum that delay it; those of the last delay are kept."""
+        if self._delayed[0] != delay_s:
+            factors = self._ramp(-delay_s * self._waveform.rate_hz / self._n, self._n)
+            factors[self._wraps :] *= np.complex64(np.exp(2j * np.pi * delay_s * self._waveform.rate_hz))
+            self._delayed = delay_s, factors
+        return self._delayed[1]
+
+    @staticmethod
+    def _ramp(step_cycles: float, count: int) -> np.ndarray:
+        """(count,) complex64 unit phasors that advance by so many cycles per sample."""
+        return sum_of_waves(np.ones(1), np.array([step_cycles]), count).astype(np.complex64)

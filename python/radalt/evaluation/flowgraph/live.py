@@ -54,9 +54,7 @@ class StatusLine:
             return _loud("timing LOST, no frames: press Reacquire timing", good=False)
         if not segmenter["locked"]:
             return _loud("no timing, no frames: acquiring the sweep at altitude zero", good=False)
-        return "timing locked" + (
-            ", checked" if segmenter["timing_verified"] else ", but the sweep is hidden"
-        )
+        return f"timing locked, {'checked' if segmenter['timing_verified'] else 'but the sweep is hidden'}"
 
     def _scores(self, segmenter: dict[str, Any]) -> list[str]:
         """Scores of each altimeter's last second, and the altimeters without detections."""
@@ -127,11 +125,23 @@ def dress(top: Any, scene: Scene) -> None:
         # controls of the vector sinks, without use here
         if widget.property("plainText") in ("Min Hold", "Max Hold"):
             widget.hide()
+    _colour_bars(top, Qt)
     _make_room(top, Qt)
     status = StatusLine(top, scene)
     top.status_timer = Qt.QTimer()
     top.status_timer.timeout.connect(lambda: top.set_status(status.text()))
     top.status_timer.start(_EVERY_MS)
+
+
+def _colour_bars(top: Any, qt: Any) -> None:
+    """A bar of shades with its decibels under both waterfalls, whose level is that of the sum over an FFT's points."""
+    for name in ("waterfall_before", "waterfall_after"):
+        sink = getattr(top, name)
+        ends = [db(0) - 20 * np.log10(sink.fft_size()) for db in (sink.min_intensity, sink.max_intensity)]
+        cells = '<td style="color: white">{:.0f} dB</td><td align="right">{:.0f} dB over power 1</td>'
+        bar = qt.QLabel(f'<table width="100%"><tr>{cells.format(*ends)}</tr></table>')
+        bar.setStyleSheet("background: qlineargradient(x1: 0, x2: 1, stop: 0 black, stop: 1 white)")
+        getattr(top, f"_{name}_win").layout().addWidget(bar, 1, 0)
 
 
 def _make_room(top: Any, qt: Any) -> None:

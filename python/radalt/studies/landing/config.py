@@ -14,13 +14,7 @@ from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
-from ...core.returns.terrain import (
-    AircraftState,
-    TerrainError,
-    TerrainReturn,
-    Trajectory,
-    reflectivity,
-)
+from ...core.returns.terrain import AircraftState, TerrainError, TerrainReturn, Trajectory, reflectivity
 from ...core.scene import interference_from_yaml, interferer_to_mapping
 from ...core.text import one_line
 from ...core.waveform import Waveform
@@ -130,7 +124,7 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
     """
     try:
         if "curve" in data:
-            raise ValueError("curve is a list of the bench now, radalt bench landing; leave it out")
+            raise ValueError("curve is a list of the bench, radalt bench landing; leave it out")
         config = build(
             LandingConfig, {"folder": folder, **data}, "", {"interference": interference_from_yaml}
         )
@@ -183,7 +177,6 @@ def load_config(path: Path | str) -> LandingConfig:
 
 def config_dict(config: LandingConfig) -> dict[str, Any]:
     """The study as plain mappings, the inverse of `parse_config`."""
-    mapping = {
-        f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config) if f.name != "folder"
-    }
+    names = (f.name for f in dataclasses.fields(config) if f.name != "folder")
+    mapping = {name: plain(getattr(config, name)) for name in names}
     return mapping | {"interference": [interferer_to_mapping(i) for i in config.interference]}

@@ -30,11 +30,9 @@ def draw_figures(
 
     ``whole`` are the entries of `report.approach_table` for the whole approach.
     """
-    names = []
-    if rows["approach"]:
-        names.append(_approach(config, rows["approach"], whole, folder))
-        names.append(_range_time(config, folder))
-    return names
+    if not rows["approach"]:
+        return []
+    return [_approach(config, rows["approach"], whole, folder), _range_time(config, folder)]
 
 
 def _approach(config: LandingConfig, rows: Sequence[Row], whole: Sequence[Row], folder: Path) -> str:
@@ -53,7 +51,8 @@ def _approach(config: LandingConfig, rows: Sequence[Row], whole: Sequence[Row], 
     bottom.set(xlabel=f"Pd: share within {CORRECT_LIMIT_M:g} m, 95 % interval", xlim=(-0.02, 1.02))
     bottom.set_title(f"SIR {config.approach.sir_db:g} dB, overlap {config.approach.overlap:g}", fontsize=10)
     bottom.grid(color="0.9")
-    return _save(figure, folder, "figure_1_approach.png")
+    save_figure(figure, folder / "figure_1_approach.png")
+    return "figure_1_approach.png"
 
 
 def _error_over_height(rows: Sequence[Row], axis: Any) -> None:
@@ -80,18 +79,15 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     step = max(1, config.approach.frames // IMAGE_FRAMES)
     times = config.approach_times_s()[::step]
     after = "whitening" if "whitening" in config.methods else config.methods[-1]
-    panels = {"no interference": [], "with interference": [], f"after {after}": []}
-    altimeter, stage = (
-        Altimeter(config.waveform, config.altimeter),
-        create(after, config.waveform, **config.method_options.get(after, {})),
-    )
+    panels = {"without": [], "interference": [], f"after {after}": []}
+    altimeter = Altimeter(config.waveform, config.altimeter)
+    stage = create(after, config.waveform, **config.method_options.get(after, {}))
     rng = rng_of(config, "range-time")
+    levels = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db}
     for first in range(0, config.approach.frames, step):
         truth = approach_frames(config, first, 1)
         clean, _, _ = impaired(config, truth, rng)
-        hit, _, _ = impaired(
-            config, truth, rng, overlap=config.approach.overlap, sir_db=config.approach.sir_db
-        )
+        hit, _, _ = impaired(config, truth, rng, **levels)
         for name, frame in zip(panels, (clean[:, 0], hit[:, 0], stage.process(hit[:, 0])), strict=True):
             spectra = altimeter.spectra(frame)
             panels[name].append(spectra.power[0].mean(axis=0) / spectra.power[0].max())
@@ -99,22 +95,18 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     starts = range(0, config.approach.frames, step)
     heights = np.array([approach_frames(config, k, 1).height_m[0] for k in starts])
     shown = (metres >= 0) & (metres <= min(1.3 * heights.max() + 50, metres.max()))
-    figure = new_figure(8, 3.3)
+    figure = new_figure(5.0, 2.8)  # its type is legible at 400 px
     axes = figure.subplots(1, 3, sharey=True)
     for axis, (name, lines) in zip(axes, panels.items(), strict=True):
         with np.errstate(divide="ignore"):
             image = 10.0 * np.log10(np.maximum(np.array(lines)[:, shown].T, 1e-9))
-        picture = axis.pcolormesh(
-            times, metres[shown], image, vmin=-40, vmax=0, cmap="cividis", shading="nearest", rasterized=True
-        )
+        style = {"vmin": -40, "vmax": 0, "cmap": "cividis", "shading": "nearest", "rasterized": True}
+        picture = axis.pcolormesh(times, metres[shown], image, **style)
         axis.plot(times, heights, color="white", lw=0.7, ls="--")
-        axis.set(title=name, xlabel="time / s")
+        axis.set_title(name, fontsize=10)
     figure.suptitle(_sent(config), fontsize=9)
     axes[0].set_ylabel("range / m")
-    figure.colorbar(picture, ax=axes, label="power / dB of the frame's peak")
-    return _save(figure, folder, "figure_1_range_time.png")
-
-
-def _save(figure: Any, folder: Path, name: str) -> str:
-    save_figure(figure, folder / name)
-    return name
+    figure.supxlabel("time / s", fontsize=10)
+    figure.colorbar(picture, ax=axes, label="power / dB of the peak")
+    save_figure(figure, folder / "figure_1_range_time.png")
+    return "figure_1_range_time.png"
