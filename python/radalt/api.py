@@ -173,10 +173,10 @@ def simulate(
             raise ValueError(
                 "it has one receive channel; give it a section auxiliary, or leave auxiliary off"
             )
-        pieces = list(both_received(chosen, programme.total_frames + 1, trials_only=True))
+        trial = np.flatnonzero(programme.is_trial(np.arange(programme.total_frames)))[:frames]
+        pieces = list(both_received(chosen, int(trial[-1]) + 2, trials_only=True))
     except ValueError as error:
         raise SceneError(f"scene {chosen.name}: {error}") from None
-    trial = np.flatnonzero(programme.is_trial(np.arange(programme.total_frames)))[:frames]
     at, truth_m = trial + 1 - pieces[0][0] // n, programme.altitude_m(trial)
     first = np.concatenate([samples for _, samples, _ in pieces]).reshape(-1, n)[at]
     if not auxiliary:
@@ -385,14 +385,12 @@ class Report:
 
     def __str__(self) -> str:
         """Ten lines at most: title, break-points or points, as many as fit, and the page."""
-        name, rows = next(
-            (n, r) for n, r in (("break_points()", self.break_points()), ("table", self.table)) if len(r)
-        )
+        parts = (("break_points()", self.break_points()), ("table", self.table))
+        name, rows = next((name, rows) for name, rows in parts if len(rows))
         lines = [self.content["title"].replace("\n", ", "), *str(rows[:5]).splitlines()]
         more = len(rows) - 5
-        lines += [f"and {more} more: report.{name}"] * (more > 0) + (
-            [] if self.folder is None else [str(self.html)]
-        )
+        lines += [f"and {more} more: report.{name}"] * (more > 0)
+        lines += [] if self.folder is None else [str(self.html)]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -402,13 +400,4 @@ class Report:
 
 _AXES = ("sir_db", "overlap")
 _SHOWN = ("method", "overlap", "sir_db", "snr_db", "trials", "pd", "pd_low", "pd_high", "rmse_forced_m")
-_BREAK_POINTS = (
-    "method",
-    "interference",
-    "overlap",
-    "snr_db",
-    "text",
-    "low_db",
-    "high_db",
-    "protection_gain",
-)
+_BREAK_POINTS = "method interference overlap snr_db text low_db high_db protection_gain".split()

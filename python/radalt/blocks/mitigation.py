@@ -2,8 +2,9 @@
 
 from typing import Any
 
-from ..core.mitigation import Mitigation, create, method_class
+from ..core.mitigation import Mitigation, method_class
 from ..core.scene import Scene
+from ..core.scene.build import method_of
 from ._mitigation import MitigationBlock
 
 
@@ -39,11 +40,7 @@ class mitigation(MitigationBlock):
         super().__init__("radalt_mitigation", self._create(method), method_class(method).batch)
 
     def _create(self, method: str) -> Mitigation:
-        options = {**self._scene.method_options.get(method, {}), **self._options}
-        parameters = {"drop_when_slow": self._drop_when_slow, **options}
-        parameters["max_altitude_m"] = self._scene.altimeter_settings.max_altitude_m
-        parameters["independent"] = self._scene.independent_frames
-        return create(method, self._scene.waveform, **parameters)
+        return method_of(self._scene, method, self._options, drop_when_slow=self._drop_when_slow)
 
     def set_method(self, method: str) -> None:
         """Change the method from the next frames on; the new one starts without state."""

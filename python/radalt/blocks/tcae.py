@@ -1,7 +1,7 @@
 """TCAE block: an ONNX network on frames."""
 
-from ..core.mitigation import create
 from ..core.scene import Scene
+from ..core.scene.build import method_of
 from ._mitigation import MitigationBlock
 
 
@@ -41,14 +41,8 @@ class tcae(MitigationBlock):
         skip_clean: bool = False,
         own_process: bool = False,
     ) -> None:
-        options = dict(scene.method_options.get("tcae", {}))
-        if model:
-            options["model"] = model
-        options.setdefault("threads", threads)
-        if skip_clean:
-            options["skip_clean"] = True
-        if own_process:
-            options["own_process"] = True
-        span_m = scene.altimeter_settings.max_altitude_m
-        method = create("tcae", scene.waveform, batch=batch, max_altitude_m=span_m, **options)
-        super().__init__("radalt_tcae", method, batch)
+        known = scene.method_options.get("tcae") or {}
+        switches = {"model": model, "skip_clean": skip_clean, "own_process": own_process}
+        own = {"batch": batch, "threads": known.get("threads", threads)}
+        own |= {k: v for k, v in switches.items() if v}
+        super().__init__("radalt_tcae", method_of(scene, "tcae", own), batch)

@@ -108,9 +108,8 @@ def _checked_type(datatype: str, part: bytes) -> np.dtype:
     if wrong:
         raise ValueError(f"its samples are not {datatype}; are they {(likely or ['ci16_le'])[0]}?")
     if kind.itemsize == 1:
-        away = [
-            np.abs(np.frombuffer(part, name) - zero).mean() for name, zero in (("i1", 0.0), ("u1", 127.5))
-        ]
+        zeros = (("i1", 0.0), ("u1", 127.5))
+        away = [np.abs(np.frombuffer(part, name) - zero).mean() for name, zero in zeros]
         if away[kind.kind == "u"] > 3 * away[kind.kind == "i"]:
             raise ValueError(
                 f"its samples are not {datatype}; are they {'cu8' if kind.kind == 'i' else 'ci8'}?"

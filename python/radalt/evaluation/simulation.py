@@ -14,9 +14,9 @@ import numpy as np
 
 from ..core.altimeter.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
 from ..core.altimeter.frame_quality import FrameQuality
-from ..core.mitigation import METHODS, Mitigation, create, method_class
+from ..core.mitigation import METHODS, method_class
 from ..core.scene import Scene
-from ..core.scene.build import canceller_of, channel_of, jammers_of, segmenter_of, sweeps_of
+from ..core.scene.build import canceller_of, channel_of, jammers_of, method_of, segmenter_of, sweeps_of
 from ..core.timing.auxiliary_samples import AuxiliarySamples
 from ..core.timing.segmenter import Frame, FrameSegmenter
 
@@ -126,12 +126,8 @@ class MethodPath:
     ) -> None:
         settings = settings or scene.altimeter_settings
         self.altimeter = shared_altimeter(scene.waveform, settings)
-        self.method: Mitigation | None = None
-        if method != METHODS["none"].name:
-            given = dict(scene.method_options.get(method) or {}) | dict(options or {})
-            given["max_altitude_m"] = settings.max_altitude_m
-            given["independent"] = scene.independent_frames
-            self.method = create(method, scene.waveform, **given)
+        none = method == METHODS["none"].name
+        self.method = None if none else method_of(scene, method, options, settings=settings)
         self._batch = method_class(method).batch
         self._milliseconds: list[float] = []
         self._results: list[np.ndarray] = []

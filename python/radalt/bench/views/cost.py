@@ -8,6 +8,8 @@ import numpy as np
 
 from ...evaluation.results.pareto import draw_pareto
 from ...evaluation.results.proportion import clopper_pearson_bound
+from ...evaluation.results.rows import grouped
+from ...evaluation.results.score import pool
 from ...evaluation.results.table import number, table
 from ..paired import curves, held
 from ..rows import Row
@@ -23,20 +25,17 @@ def summaries(
     Costs are those of ``turns``, where an entry took turns. Wrong altitudes are counted at the levels that every
     entry ran, and (``all_``) at all of its own: an entry that stops early has the easy ones only.
     """
-    found, out = curves(rows), {}
-    timed = {row["entry"] for row in turns}
-    ran = [{_level(row) for row in rows if row["entry"] == name} for name in entries]
-    common = set.intersection(*ran)
+    found, by_entry, timed, out = curves(rows), grouped(rows, "entry"), grouped(turns, "entry"), {}
+    common = set.intersection(*({_level(row) for row in by_entry.get(name, ())} for name in entries))
     for name in entries:
-        mine = [row for row in rows if row["entry"] == name]
+        mine = by_entry.get(name, [])
         each = [held(by[name]) for by in found.values() if len(by.get(name, ())) >= _LEVELS]
-        cost = [row for row in turns if row["entry"] == name] if name in timed else mine
+        shared, own = pool([row for row in mine if _level(row) in common]), pool(mine)
+        cost = timed.get(name, mine)
         out[name] = {
             "held_db": float(np.mean(each)) if each else float("nan"),
-            "wrong": float(sum(row["detections"] - row["correct"] for row in mine if _level(row) in common)),
-            "trials": float(sum(row["trials"] for row in mine if _level(row) in common)),
-            "all_wrong": float(sum(row["detections"] - row["correct"] for row in mine)),
-            "all_trials": float(sum(row["trials"] for row in mine)),
+            **{"wrong": shared.wrong, "trials": shared.trials},
+            **{"all_wrong": own.wrong, "all_trials": own.trials},
             **{key: float(np.median([row[key] or np.nan for row in cost])) for key in ("ms", "ffts")},
         }
     return out
@@ -49,8 +48,7 @@ def _level(row: Row) -> tuple[str, float, float | None, float | None]:
 def turns_table(turns: Sequence[Mapping[str, Any]]) -> str:
     """Cost of entries that took turns: the mean over the cases of the medians, the most, memory and start-up."""
     lines = []
-    for name in dict.fromkeys(row["entry"] for row in turns):
-        mine = [row for row in turns if row["entry"] == name]
+    for name, mine in grouped(turns, "entry").items():
         ms, ffts = (f"{np.mean([row[key] for row in mine]):.3g}" for key in ("ms", "ffts"))
         most = max(row["ffts_p99"] for row in mine)
         memory, model = (f"{mine[0][key] / 2**20:.1f}" for key in ("memory_bytes", "model_bytes"))

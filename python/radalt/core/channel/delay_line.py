@@ -69,9 +69,8 @@ class DelayLine:
     def _nothing_new(self, samples: np.ndarray) -> bool:
         """Count equal blocks; True where all blocks in reach are equal, so that nothing has to be copied."""
         known = self._alike * self._block >= self._reach and self._end >= self._reach
-        repeated = samples.dtype == np.complex64 and _same_bits(
-            self._store[self._end - self._block : self._end], samples.reshape(-1, self._block)
-        )
+        last, blocks = self._store[self._end - self._block : self._end], samples.reshape(-1, self._block)
+        repeated = samples.dtype == np.complex64 and _same_bits(last, blocks)
         self._alike = self._alike + samples.size // self._block if repeated else 0
         return known and repeated
 
@@ -104,9 +103,8 @@ class DelayLine:
         known = self._last.get(delay)
         if known is not None and _same_bits(known[0], self._spans(first, blocks)):
             return known[1]
-        return np.concatenate(
-            [self._repeated(first + k * self._block, fraction, delay) for k in range(blocks)]
-        )
+        starts = range(first, first + blocks * self._block, self._block)
+        return np.concatenate([self._repeated(start, fraction, delay) for start in starts])
 
     def _repeated(self, first: int, fraction: float, delay: float) -> np.ndarray:
         """(1, block) as `_filter`, from the cache where samples and delay are unchanged."""

@@ -240,9 +240,8 @@ class SimulatedChannel:
         carrier = -np.mod(w.carrier_hz * delay_s, 1.0)
         if speed:
             # time since the middle of the frame, in this block's samples
-            t = (np.arange(n) + self._block * n - self.latency_samples) / w.rate_hz - (
-                frame + 0.5
-            ) * w.sweep_s
+            t = (np.arange(n) + self._block * n - self.latency_samples) / w.rate_hz
+            t -= (frame + 0.5) * w.sweep_s
             out = out * exp_cycles(carrier - float(w.vertical_speed_to_doppler_hz(speed)) * t)
         else:
             out = out * np.complex64(np.exp(2j * np.pi * carrier))
@@ -256,10 +255,8 @@ class SimulatedChannel:
                 continue
             delay_s = float(altitude_to_delay_s(distance_m))
             line = self._radar.read(self.latency_samples + delay_s * self.waveform.rate_hz)[0]
-            gain = 10.0 ** (level_db / 20.0) * np.exp(
-                -2j * np.pi * np.mod(self.waveform.carrier_hz * delay_s, 1.0)
-            )
-            line = np.complex64(gain) * line
+            carrier = np.exp(-2j * np.pi * np.mod(self.waveform.carrier_hz * delay_s, 1.0))
+            line = np.complex64(10.0 ** (level_db / 20.0) * carrier) * line
             total = line if total is None else total + line
         return total
 
@@ -288,9 +285,8 @@ class SimulatedChannel:
             out += np.complex64(s.dc_offset)
         if s.iq_gain_db or s.iq_phase_deg:
             phase = np.deg2rad(s.iq_phase_deg)
-            out.imag = np.float32(10.0 ** (s.iq_gain_db / 20.0)) * (
-                np.float32(np.cos(phase)) * out.imag + np.float32(np.sin(phase)) * out.real
-            )
+            turned = np.float32(np.cos(phase)) * out.imag + np.float32(np.sin(phase)) * out.real
+            out.imag = np.float32(10.0 ** (s.iq_gain_db / 20.0)) * turned
         if s.adc_bits:
             convert(out, s.adc_bits, s.full_scale)
 

@@ -65,9 +65,8 @@ def facet_frame(
         # the rounded beat agrees in the middle of the half
         start = start + (beat - bins * w.rate_hz / size) * 0.5 * w.half_sweep_s
         weights = amplitude * exp_cycles(start, np.complex128)
-        grid = np.bincount(bins % size, weights.real, size) + 1j * np.bincount(
-            bins % size, weights.imag, size
-        )
+        real, imag = (np.bincount(bins % size, part, size) for part in (weights.real, weights.imag))
+        grid = real + 1j * imag
         out[k * half : (k + 1) * half] = (fft.ifft(grid.astype(np.complex64)) * np.float32(size))[:half]
         out[k * half : k * half + blind] = 0
     return out

@@ -265,24 +265,14 @@ class Profile:
         w, top_m = self.waveform, self.max_range_m
         speed = self.max_vertical_speed_m_per_s
         least_mw = 10 ** ((self.transmit_dbm - self.unlock_loss_db) / 10)
+        search = {"max_altitude_m": top_m, "max_vertical_speed_m_per_s": speed, "strategy": self.strategy}
         if self.detector == "counter":
             return CounterDetector(w, self.sweeps_per_output, max_altitude_m=top_m, least_power=least_mw)
         if self.detector == "tracker":
-            settings = AltimeterSettings(
-                max_altitude_m=top_m, max_vertical_speed_m_per_s=speed, strategy=self.strategy
-            )
-            return _Tracked(
-                Altimeter(w, settings), TrackerSettings(self.output_s, max_vertical_speed_m_per_s=speed)
-            )
-        return SummedDetector(
-            w,
-            self.sweeps_per_output,
-            max_altitude_m=top_m,
-            max_vertical_speed_m_per_s=speed,
-            pfa=self.pfa,
-            strategy=self.strategy,
-            least_power=least_mw,
-        )
+            settings = AltimeterSettings(**search)
+            tracked = TrackerSettings(self.output_s, max_vertical_speed_m_per_s=speed)
+            return _Tracked(Altimeter(w, settings), tracked)
+        return SummedDetector(w, self.sweeps_per_output, pfa=self.pfa, least_power=least_mw, **search)
 
 
 class _Tracked:

@@ -85,11 +85,6 @@ PROFILES = MappingProxyType(
 )
 
 
-def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-    """Circular complex normal numbers of unit mean power."""
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2.0)
-
-
 @dataclass(frozen=True, kw_only=True)
 class FadingChannel(Settings, where="fading"):
     """Random multipath channel; `draw` gives one of its draws, which is defined at any time.
@@ -143,7 +138,8 @@ class FadingChannel(Settings, where="fading"):
         """One draw of the channel; its gains are defined at any time."""
         waves = _WAVES if self.doppler_hz else 1
         shape = (self.powers.size, waves)
-        weights = _gaussian(shape, rng) * np.sqrt(self.powers / waves)[:, None]
+        weights = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2.0)
+        weights *= np.sqrt(self.powers / waves)[:, None]
         wave_hz = self.doppler_hz * np.cos(2 * np.pi * rng.random(shape))
         sight = np.sqrt(self.los_power) * np.exp(2j * np.pi * rng.random())
         return Paths(weights, wave_hz, sight, _LOS_DOPPLER * self.doppler_hz)

@@ -160,9 +160,8 @@ class NrConfig(Settings, where="nr"):
     @property
     def group_blocks(self) -> int:
         """Resource block group, TS 38.214 Table 5.1.2.2.1-1, configuration 1."""
-        return next(
-            size for most, size in ((36, 2), (72, 4), (144, 8), (275, 16)) if self.resource_blocks <= most
-        )
+        sizes = ((36, 2), (72, 4), (144, 8), (275, 16))
+        return next(size for most, size in sizes if self.resource_blocks <= most)
 
     @property
     def sample_rate_hz(self) -> float:

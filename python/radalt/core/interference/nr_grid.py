@@ -219,9 +219,8 @@ def _place_trs(config: NrConfig, grid: ResourceGrid) -> None:
     for slot in config.trs_slots:
         for symbol in TRS_SYMBOLS:
             column = SYMBOLS_PER_SLOT * slot + symbol
-            grid.values[::TRS_STEP, column] = seq.csi_rs(
-                config.cell_id, slot, symbol, 3 * config.resource_blocks
-            )
+            values = seq.csi_rs(config.cell_id, slot, symbol, 3 * config.resource_blocks)
+            grid.values[::TRS_STEP, column] = values
             grid.elements[::TRS_STEP, column] = Element.CSI_RS
 
 

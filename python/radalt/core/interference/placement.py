@@ -120,14 +120,9 @@ def interference_frames(
         for interferer in interferers:
             row += interference_frame(interferer, frame_samples, rate_hz, rng)
         if total_sir_db is not None:
-            row[:] = _rescale(row, 10.0 ** (-total_sir_db / 10.0) * frame_samples)
+            have, wanted = np.vdot(row, row).real, 10.0 ** (-total_sir_db / 10.0) * frame_samples
+            row *= np.sqrt(wanted / have) if have > 0 else 1.0
     if out is None:
         return total.astype(dtype, copy=False)
     out[:] = total
     return out
-
-
-def _rescale(frame: np.ndarray, energy: float) -> np.ndarray:
-    """The frame scaled to ``energy``; zeros stay zeros."""
-    have = np.vdot(frame, frame).real
-    return frame * np.sqrt(energy / have) if have > 0 else frame

@@ -85,15 +85,8 @@ class JammerStream:
         else:
             for running in self._running.values():
                 running.frame_index = index
-            interference_frames(
-                self._playing,
-                1,
-                n,
-                self.waveform.rate_hz,
-                self._rng,
-                total_sir_db=self._scaled_to_db,
-                out=frame[None],
-            )
+            rate_hz, scaled = self.waveform.rate_hz, {"total_sir_db": self._scaled_to_db}
+            interference_frames(self._playing, 1, n, rate_hz, self._rng, **scaled, out=frame[None])
         if self._shift:
             joined = np.concatenate([self._carry, frame])
             self._carry = joined[n:]

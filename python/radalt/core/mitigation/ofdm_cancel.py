@@ -9,8 +9,10 @@ from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.arrays import power
 from .ofdm.burst_detection import loud_burst
-from .ofdm.iterative_receiver import ITERATION_FFTS, IterativeReceiver, Reception
+from .ofdm.iterative_receiver import Reception
 from .ofdm.numerology import Numerology
+from .ofdm.prices import ITERATION_FFTS
+from .ofdm.return_aware import ReturnAwareReceiver
 from .ofdm.return_estimation import ReturnEstimator
 from .ofdm.return_mask import ReturnMask
 from .ofdm.settings import SETTINGS, OfdmSettings
@@ -86,9 +88,9 @@ class OfdmCancel(Mitigation):
         self.settings = settings
         self._patience = settings.patience if drop_when_slow else np.inf
         self._returns = ReturnEstimator(waveform, self.span_m, settings)
-        kinds = [Numerology(waveform.rate_hz, spacing_hz, settings) for spacing_hz in settings.spacings_hz]
+        kinds = [Numerology(waveform.rate_hz, spacing_hz) for spacing_hz in settings.spacings_hz]
         self._masks = {kind: ReturnMask(waveform, kind, self.span_m, settings) for kind in kinds}
-        self._receivers = {kind: IterativeReceiver(kind, self._returns, settings) for kind in kinds}
+        self._receivers = {kind: ReturnAwareReceiver(kind, self._returns, settings) for kind in kinds}
         super().__init__(waveform)
 
     def reset(self) -> None:

@@ -73,10 +73,8 @@ def build(
             path = f"{where}.{name}" if where else name
             raise ValueError(f"unknown key {path!r}; {allowed(name, sorted({*fields, *also}))}")
         path, field = f"{where}.{key}" if where else key, fields[key]
-        convert_field = (special or {}).get(field)
-        values[field] = (
-            convert_field(value, path) if convert_field else convert(hints.get(field), value, path)
-        )
+        own = (special or {}).get(field)
+        values[field] = own(value, path) if own else convert(hints.get(field), value, path)
     try:
         return cls(**values)
     except TypeError as error:
@@ -115,9 +113,8 @@ def _fitting(options: list[Any], value: Any) -> Any:
     """The option of a union that fits: the dataclass with all keys of the mapping, else the first."""
     if isinstance(value, dict):
         for option in options:
-            if dataclasses.is_dataclass(option) and value.keys() <= {
-                f.name for f in dataclasses.fields(option)
-            }:
+            names = [f.name for f in dataclasses.fields(option)] if dataclasses.is_dataclass(option) else None
+            if names is not None and value.keys() <= {*names}:
                 return option
     if str in options and isinstance(value, str):  # a word, or a number that YAML gives as text
         return str if math.isnan(_number(value)) else next((o for o in options if o is not str), str)

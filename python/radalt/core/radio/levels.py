@@ -52,9 +52,8 @@ def drive(scene: Scene) -> Drive:
     tx_power_dbm = radio.limits.tx_power_dbm
     radar = 1.0 / _HEADROOM
     if not scene.has_jammer:
-        return Drive(
-            radar, radar, tx_power_dbm(radio.radar_tx_gain_db) - 20.0 * np.log10(radar), float("nan")
-        )
+        full_dbm = tx_power_dbm(radio.radar_tx_gain_db)
+        return Drive(radar, radar, full_dbm - 20.0 * np.log10(radar), float("nan"))
     peak, power = _jammer_peak_and_power(scene)
     difference = 10.0 ** ((radio.jammer_tx_gain_db - radio.radar_tx_gain_db) / 20.0)
     radar = max(radar, peak / _HEADROOM / difference)

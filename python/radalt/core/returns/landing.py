@@ -130,12 +130,11 @@ class LandingSpec:
     def with_files(self, files: Mapping[str, Path]) -> LandingSpec:
         """The same landing with its `files` at other paths; other names are left alone."""
         at = {name: str(Path(files[name]).absolute()) for name in self.files()}
+        terrain = tuple(at[f"terrain {k}"] for k in range(len(self.terrain.files)))
         return replace(
             self,
             trajectory=replace(self.trajectory, file=at["trajectory"]),
-            terrain=replace(
-                self.terrain, files=tuple(at[f"terrain {k}"] for k in range(len(self.terrain.files)))
-            ),
+            terrain=replace(self.terrain, files=terrain),
             antenna=replace(self.antenna, pattern=at.get("antenna")),
         )
 

@@ -1,12 +1,16 @@
 """Objects of the signal path from a scene, for the blocks of a flowgraph and for runs without one."""
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from ..altimeter.altimeter import AltimeterSettings
 from ..channel.auxiliary import AuxiliaryReceiver
 from ..channel.simulated import SimulatedChannel
 from ..interference.stream import JammerStream
+from ..mitigation import Mitigation, create
 from ..programme import SentAltitudes
 from ..returns.landing import TerrainPlayer
 from ..returns.sweeps import SentSweeps
@@ -19,10 +23,8 @@ from .scene import Scene
 def sweeps_of(scene: Scene) -> SentSweeps:
     """Transmitted sweeps of the radar."""
     synthetic = scene.altitude.mode == "synthetic"
-    silent = scene.return_model == "none"
-    return SentSweeps(
-        scene.waveform, SentAltitudes(scene.altitude.programme), synthetic=synthetic, silent=silent
-    )
+    sent, silent = SentAltitudes(scene.altitude.programme), scene.return_model == "none"
+    return SentSweeps(scene.waveform, sent, synthetic=synthetic, silent=silent)
 
 
 def jammer_of(scene: Scene) -> JammerStream:
@@ -94,6 +96,21 @@ def channel_of(scene: Scene) -> SimulatedChannel:
         frames=programme.total_frames,
         auxiliary=auxiliary_of(scene),
     )
+
+
+def method_of(
+    scene: Scene,
+    name: str,
+    own: Mapping[str, Any] | None = None,
+    *,
+    settings: AltimeterSettings | None = None,
+    drop_when_slow: bool = False,
+) -> Mitigation:
+    """A method with the scene's options and ``own`` over them; ``settings`` in place of the scene's altimeter."""
+    given = {"drop_when_slow": drop_when_slow} | (scene.method_options.get(name) or {}) | dict(own or {})
+    given["max_altitude_m"] = (settings or scene.altimeter_settings).max_altitude_m
+    given["independent"] = scene.independent_frames
+    return create(name, scene.waveform, **given)
 
 
 def segmenter_of(scene: Scene, *, follow_programme: bool = True) -> FrameSegmenter:

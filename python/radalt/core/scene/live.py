@@ -26,15 +26,8 @@ def by_hand(scene: Scene) -> Scene:
     )
     segmenter = dataclasses.replace(scene.segmenter, leakage_calibration="")
     altimeter = scene.altimeter.resolved(scene.waveform, vertical_speed_m_per_s=0.0)
-    return dataclasses.replace(
-        scene,
-        altitude=altitude,
-        channel=channel,
-        segmenter=segmenter,
-        altimeter=altimeter,
-        return_model="point",
-        landing=None,
-    )
+    parts = {"altitude": altitude, "channel": channel, "segmenter": segmenter, "altimeter": altimeter}
+    return dataclasses.replace(scene, **parts, return_model="point", landing=None)
 
 
 class RangeProfile:

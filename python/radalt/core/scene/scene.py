@@ -186,9 +186,8 @@ class Scene:
         """Settings of the altimeter; an open search span is taken from the scene's altitudes."""
         # the range rate of terrain differs from the aircraft's
         speed = None if self.return_model == "terrain" else self.altitude.fastest_m_per_s
-        return self.altimeter.resolved(
-            self.waveform, highest_altitude_m=self.reach_m, vertical_speed_m_per_s=speed
-        )
+        reach = {"highest_altitude_m": self.reach_m, "vertical_speed_m_per_s": speed}
+        return self.altimeter.resolved(self.waveform, **reach)
 
     @property
     def tracker_settings(self) -> TrackerSettings:
@@ -197,15 +196,11 @@ class Scene:
         A track may start at any altitude, unless the scene has leakage that the receiver does not know.
         """
         plays = self.altitude.mode == "true_delay" or self.return_model == "terrain"
-        given = {name: getattr(self.tracker, name) for name in ("doppler", "leakage_m")}
-        known = self.channel.leakage_db is None or self.segmenter.leakage_calibration not in (
-            "",
-            UNCALIBRATED,
-        )
+        uncalibrated = self.segmenter.leakage_calibration in ("", UNCALIBRATED)
+        known = self.channel.leakage_db is None or not uncalibrated
         taken: dict[str, Any] = {"doppler": plays, "leakage_m": 0.0 if known else None}
-        return dataclasses.replace(
-            self.tracker, **{name: taken[name] for name, value in given.items() if value is None}
-        )
+        taken = {name: value for name, value in taken.items() if getattr(self.tracker, name) is None}
+        return dataclasses.replace(self.tracker, **taken)
 
     @property
     def has_noise(self) -> bool:

@@ -217,9 +217,8 @@ class Measurer(WorkerPlugin):
             return pickle.dumps((True, self.refused))
         call = (_measured, self.study, self.files, pickle.loads(task))
         try:
-            failed, value = outcome_of(
-                self.processes.schedule(answered, call, timeout=time_limit_s), time_limit_s
-            )
+            waited = self.processes.schedule(answered, call, timeout=time_limit_s)
+            failed, value = outcome_of(waited, time_limit_s)
         except WorkerError as error:
             failed, value = True, str(error)
         if not failed:

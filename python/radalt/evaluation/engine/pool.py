@@ -140,9 +140,8 @@ def _enter(*initialized: Semaphore) -> None:
     # pebble sends SIGTERM right after closing the pipes; Python at its end, without handlers, would print a traceback
     if hasattr(signal, "pthread_sigmask"):
         atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGTERM})
-    leave = (
-        os._exit
-    )  # pebble takes status 0 for the regular end of a worker, and the task would wait for its limit
+    # pebble takes status 0 for the regular end of a worker, and the task would wait for its limit
+    leave = os._exit
     os._exit = lambda status: leave(status or 1)
     for ready in initialized:
         ready.release()

@@ -100,9 +100,8 @@ def in_memory(
     begin = time.monotonic()
     points, options = {point.name: point for point in study.points()}, Options(Path(), jobs=jobs)
     found, peaks = {}, {}
-    for point, outcome, state in _measured(
-        study.begin(options.out), [*points.values()], options, max(1, jobs)
-    ):
+    begun = study.begin(options.out)
+    for point, outcome, state in _measured(begun, [*points.values()], options, max(1, jobs)):
         found[point.name] = outcome.rows
         peaks[outcome.process] = outcome.peak_bytes
         progress(state)

@@ -54,9 +54,7 @@ class StatusLine:
             return _loud("timing LOST, no frames: press Reacquire timing", good=False)
         if not segmenter["locked"]:
             return _loud("no timing, no frames: acquiring the sweep at altitude zero", good=False)
-        return "timing locked" + (
-            ", checked" if segmenter["timing_verified"] else ", but the sweep is hidden"
-        )
+        return f"timing locked, {'checked' if segmenter['timing_verified'] else 'but the sweep is hidden'}"
 
     def _scores(self, segmenter: dict[str, Any]) -> list[str]:
         """Scores of each altimeter's last second, and the altimeters without detections."""

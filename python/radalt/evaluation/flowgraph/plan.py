@@ -55,9 +55,8 @@ class Plan(NamedTuple):
 
 def make_plan(scene: Scene, methods: Sequence[str], *, simulated: bool = True) -> Plan:
     """Plan of a run of a scene with these methods, with the simulated channel or with radios."""
-    around = (
-        _simulated(scene.channel) if simulated else [Part("simulated channel", False, "the radios are real")]
-    )
+    radios = [Part("simulated channel", False, "the radios are real")]
+    around = _simulated(scene.channel) if simulated else radios
     altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
     return Plan((*_parts(scene, methods), *around), 2 if scene.has_jammer else 1, altimeter)
 
@@ -73,9 +72,7 @@ def _parts(scene: Scene, methods: Sequence[str]) -> list[Part]:
     landing = scene.landing is not None
     delayed = scene.altitude.mode == "true_delay" or scene.return_model == "terrain"
     network = any(METHODS[m].runs_network for m in methods if m in METHODS)
-    jammer = (
-        "the scene has interference" if scene.has_jammer else "the scene has no interference (or overlap 0)"
-    )
+    jammer = f"the scene has {'interference' if scene.has_jammer else 'no interference (or overlap 0)'}"
     delays = "the simulated channel delays the return" if delayed else "altitudes are synthetic beat shifts"
     networks = "a network is among the methods" if network else "no network among the methods"
     terrain = f"the scene has {'a' if landing else 'no'} landing"

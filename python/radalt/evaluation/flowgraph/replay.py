@@ -25,6 +25,8 @@ from .rewrite import from_recording, prune
 from .run import make_top, result_of
 from .watch import run_to_end
 
+_SPREAD = ("altitude_p05_m", "altitude_median_m", "altitude_p95_m")
+
 
 def score_recording(
     path: Path | str,
@@ -68,9 +70,8 @@ def score_recording(
     _draw(result, placed, out / "altitude.png", relative=relative)
     notes = [*capture.notes]
     if relative:
-        notes.append(
-            f"{path}: altitudes are relative to its first sweeps; state their altitude with --reference-m"
-        )
+        remedy = "state their altitude with --reference-m"
+        notes.append(f"{path}: altitudes are relative to its first sweeps; {remedy}")
     for note in notes:
         print(note, file=sys.stderr)
     if not known:
@@ -169,15 +170,7 @@ def summary(result: PointResult) -> list[dict[str, Any]]:
     rows = []
     for method, frames in result.results.items():
         found = frames["altitude_m"][frames["valid"]]
-        low, middle, high = np.percentile(found, [5, 50, 95]) if found.size else [float("nan")] * 3
-        rows.append(
-            {
-                "method": method,
-                "frames": int(frames.size),
-                "found": int(found.size),
-                "altitude_p05_m": float(low),
-                "altitude_median_m": float(middle),
-                "altitude_p95_m": float(high),
-            }
-        )
+        spread = np.percentile(found, [5, 50, 95]) if found.size else np.full(3, np.nan)
+        row = {"method": method, "frames": int(frames.size), "found": int(found.size)}
+        rows.append(row | dict(zip(_SPREAD, spread.tolist(), strict=True)))
     return rows

@@ -20,13 +20,7 @@ import numpy as np
 from ...core.channel.settings import ChannelSettings
 from ...core.radio.interlock import require_enclosure
 from ...core.radio.levels import drive
-from ...core.radio.path_measures import (
-    clipped_percent,
-    db,
-    mean_power,
-    ripple_db,
-    strongest_lines,
-)
+from ...core.radio.path_measures import clipped_percent, db, mean_power, ripple_db, strongest_lines
 from ...core.radio.recording import open_capture
 from ...core.scene import Scene, scene_to_mapping
 from ...core.text import said
@@ -428,7 +422,7 @@ def report(folder: RunFolder, checks: Sequence[Check]) -> str:
             if c.step == name
         ]
         cells = [[cell.replace("|", "/") for cell in row] for row in cells]
-        parts[STEPS[name].title] = table(("measured", "value", "limit", "verdict", "likely cause"), cells)
+        parts[STEPS[name].title] = table("measured | value | limit | verdict | likely cause", cells)
     page = {"title": folder.head["source"], "verdict": verdict, "parts": parts}
     page["run"] = {"command": "radalt first-light"}
     return f"{verdict}\n{write_pages(folder, Path(__file__).with_suffix('.md.j2'), page)}"

@@ -122,9 +122,8 @@ def ungated_sinks(top: Any) -> list[str]:
     known = {getattr(top, sink).alias(): (sink, gate) for sink, gate in _GATED if hasattr(top, sink)}
     kinds = tuple(getattr(top, sink).name() for sink, _ in known.values())
     wrong = {target for target in feeds if target.startswith(kinds)} - known.keys()
-    return sorted(wrong) + [
-        sink for alias, (sink, gate) in known.items() if feeds.get(alias) != {getattr(top, gate).alias()}
-    ]
+    own = {alias: {getattr(top, gate).alias()} for alias, (_, gate) in known.items()}
+    return sorted(wrong) + [sink for alias, (sink, _) in known.items() if feeds.get(alias) != own[alias]]
 
 
 def _watch_edges(top: Any, log: Callable[[str], None]) -> None:
@@ -163,9 +162,9 @@ def programme_over(top: Any, scene: Scene) -> bool:
     if behind < 0:
         return False
     sinks = [block for name, block in vars(top).items() if name.startswith("altimeter_")]
-    return behind > scene.waveform.rate_hz * _CATCH_UP_S or all(
-        not sink.active or sink.last_index >= programme.total_frames - 1 for sink in sinks
-    )
+    last = programme.total_frames - 1
+    measured = all(not sink.active or sink.last_index >= last for sink in sinks)
+    return measured or behind > scene.waveform.rate_hz * _CATCH_UP_S
 
 
 def stop_after_programme(top: Any, scene: Scene) -> threading.Thread:

@@ -80,9 +80,8 @@ def break_point(
         return _crossing(sir[order], np.minimum.accumulate(curve), level)
 
     value, mark = falls(pd)
-    return BreakPoint(
-        value, mark, falls(pd if high is None else high)[0], falls(pd if low is None else low)[0]
-    )
+    ends = (falls(pd if end is None else end)[0] for end in (high, low))
+    return BreakPoint(value, mark, *ends)
 
 
 def break_point_of(

@@ -69,9 +69,8 @@ def save_figure(figure: Any, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     axes = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
     # powers of ten are math text
-    powers = {
-        label for axis in axes if axis.get_scale() == "log" for label in axis.get_ticklabels(which="both")
-    }
+    scaled = (axis for axis in axes if axis.get_scale() == "log")
+    powers = {label for axis in scaled for label in axis.get_ticklabels(which="both")}
     for text in set(figure.findobj(Text)) - powers:
         text.set_parse_math(False)  # names of files and methods may contain a dollar sign
     # TrueType fonts (42): publishers refuse Type 3

@@ -67,9 +67,8 @@ def _block(kind: str, lines: list[str], figure: Callable[[str], str]) -> str:
 
 def _table(lines: list[str]) -> str:
     header, _, *rows = ([cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines)
-    names = "".join(
-        f'<th scope="col"><button type="button" title="sort">{_spans(h)}</button></th>' for h in header
-    )
+    head = '<th scope="col"><button type="button" title="sort">{}</button></th>'
+    names = "".join(head.format(_spans(h)) for h in header)
     body = "\n".join(f"<tr>{_cell(row[0], label=True)}{''.join(map(_cell, row[1:]))}</tr>" for row in rows)
     return (
         f'<div class="wide"><table>\n<thead><tr>{names}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'

@@ -11,8 +11,12 @@ __all__ = ["DASH", "counted", "interval", "metres", "number", "signed_metres", "
 DASH = "\N{EN DASH}"
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A Markdown table; the first column and columns of words are flush left, those of numbers flush right."""
+def table(header: Sequence[str] | str, rows: Iterable[Sequence[Any]]) -> str:
+    """A Markdown table; the first column and columns of words are flush left, those of numbers flush right.
+
+    ``header``: the columns' names, or one text with " | " between them.
+    """
+    header = header.split(" | ") if isinstance(header, str) else header
     cells = [[str(cell) for cell in row] for row in rows]
     sides = [_side(column) for column in zip(*cells, strict=True)] if cells else ["---:"] * len(header)
     lines = ["| " + " | ".join(line) + " |" for line in (header, *cells)]

@@ -146,17 +146,8 @@ def case_of(name: str) -> Case:
 
 @lru_cache(maxsize=1)
 def _named() -> dict[str, Case]:
-    parts = (
-        _interference(),
-        _landings(),
-        _long(),
-        _faults(),
-        _deceptions(),
-        _returns(),
-        _installation(),
-        _transmitters(),
-    )
-    return {case.name: case for part in parts for case in part}
+    parts = _interference, _landings, _long, _faults, _deceptions, _returns, _installation, _transmitters
+    return {case.name: case for part in parts for case in part()}
 
 
 def _scenes(kind: str, sirs: tuple[float, ...], snrs: tuple[float, ...], ground: bool) -> Iterator[Case]:

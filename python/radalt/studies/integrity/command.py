@@ -27,25 +27,12 @@ METHODS = "none,whitening,tcae,hybrid"
 def _arguments(parser: Parser) -> None:
     add_methods(parser, METHODS)
     parser.option("--groups", "kinds of cases with commas (default: all)", default="")
-    parser.option(
-        "--hours",
-        "least flight hours in all (default: one flight of every case)",
-        number(float, 0.0, 10_000.0),
-        0.0,
-    )
-    add_frames(
-        parser,
-        1000,
-        "frames of a flight, whole blocks of 40; over land and a point 120 times as many",
-        low=40,
-        high=100_000,
-    )
-    parser.option(
-        "--allowed-m-per-s",
-        "vertical speed that altimeter and tracker have to expect",
-        number(float, 10.0, 150.0),
-        20.0,
-    )
+    words = "least flight hours in all (default: one flight of every case)"
+    parser.option("--hours", words, number(float, 0.0, 10_000.0), 0.0)
+    words = "frames of a flight, whole blocks of 40; over land and a point 120 times as many"
+    add_frames(parser, 1000, words, low=40, high=100_000)
+    words = "vertical speed that altimeter and tracker have to expect"
+    parser.option("--allowed-m-per-s", words, number(float, 10.0, 150.0), 20.0)
     add_seed(parser, 1)
     parser.option("--pool", "rows.csv of earlier flights, with commas, for the rates per hour", default="")
     parser.option("--replay", "fly once more and print every output", default="", metavar="CASE:SEED[:BATCH]")

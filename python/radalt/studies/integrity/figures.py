@@ -81,9 +81,8 @@ def draw_land(rows: Sequence[Row], path: Path) -> None:
     image = axis.imshow(shares, cmap="cividis", vmin=0.0, vmax=1.0, aspect="auto")
     for (row, column), share in np.ndenumerate(shares):
         if np.isfinite(share):
-            text = f"{np.floor(100 * share) / 100:.2f}" + f" ({events[row, column]:g}!)" * bool(
-                events[row, column]
-            )
+            count = events[row, column]
+            text = f"{np.floor(100 * share) / 100:.2f}" + f" ({count:g}!)" * bool(count)
             color = "black" if share > 0.5 else "white"
             axis.text(column, row, text, ha="center", va="center", fontsize=9, color=color)
     axis.set_xticks(range(len(ATTITUDES)), list(ATTITUDES), rotation=30, ha="right")

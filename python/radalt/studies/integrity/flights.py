@@ -14,17 +14,8 @@ _LOWEST_M, _HIGHEST_M = 5.0, 1400.0  # altitudes at which flights start
 _LATE = BLOCK // 4
 # kinds with a fault in mid-flight
 _FAULTY = (
-    "switched_on",
-    "step",
-    "missing",
-    "slip",
-    "nan",
-    "clipped",
-    "altimeter",
-    "altimeter_alone",
-    "spoofed",
+    "switched_on step missing slip nan clipped altimeter altimeter_alone spoofed pull_off frozen gear".split()
 )
-_FAULTY += ("pull_off", "frozen", "gear")
 
 
 @dataclass(frozen=True)

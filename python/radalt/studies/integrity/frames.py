@@ -110,9 +110,8 @@ def _chopped(share: float, source: Source, start: float) -> Source:
 
     def frames(index: np.ndarray) -> np.ndarray:
         passed = _BLADES_HZ * (index[:, None] * WAVEFORM.sweep_s + WAVEFORM.sample_times_s) + start
-        return source(index) * np.where(
-            np.mod(passed, 1.0) < _BLADE, np.float32(1.0 - share), np.float32(1.0)
-        )
+        left = np.float32(1.0 - share)
+        return source(index) * np.where(np.mod(passed, 1.0) < _BLADE, left, np.float32(1.0))
 
     return frames
 

@@ -11,6 +11,7 @@ from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.page import write_result
+from ...evaluation.results.rows import grouped
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
 from .cases import ATTITUDES, BLOCK, KINDS, LONG, STRATA, WAVEFORM, case_of, stratum_of
@@ -177,8 +178,7 @@ def _hours_table(rows: Sequence[Row]) -> str:
         flown = h["flights"], number(h["hours"], 2), number(h["available"], 3)
         lines.append([name, method, share, *flown, *counts, *shown])
 
-    for method in dict.fromkeys(r["method"] for r in inside):
-        mine = [r for r in inside if r["method"] == method]
+    for method, mine in grouped(inside, "method").items():
         strata = {name: [r for r in mine if stratum_of(case_of(r["case"])) == name] for name in STRATA}
         strata = {name: found for name, found in strata.items() if found}
         for name, found in strata.items():
@@ -188,8 +188,8 @@ def _hours_table(rows: Sequence[Row]) -> str:
     for low, high in zip(_BANDS_M, _BANDS_M[1:], strict=False):
         if mine := [r for r in rows if r["kind"] in LONG and low <= r["altitude_m"] < high]:
             line(f"land and points, {low:g} to {high:g} m", "none", "", _hours_of(mine))
-    header = ["stratum", "method", "share", "flights", "hours", "available", "misleading", "hazardous"]
-    return table([*header, "of flights", "bound per hour", "largest error / m", "CPU min per hour"], lines)
+    header = "stratum | method | share | flights | hours | available | misleading | hazardous | of flights"
+    return table(f"{header} | bound per hour | largest error / m | CPU min per hour", lines)
 
 
 def _attitude_table(land: Sequence[Row]) -> str:
@@ -204,7 +204,7 @@ def _attitude_table(land: Sequence[Row]) -> str:
             worst = f"{number(least['after_start'])} {least['case'].split('/')[1]}"
             shares = number(h["available"], 3), worst, number(h["largest_m"], 1)
             lines.append([attitude, *shares, number(frames.pd), number(frames.pd_3pct)])
-    return table(["attitude", "available", "least", "largest error / m", "Pd per frame", "5 m or 3 %"], lines)
+    return table("attitude | available | least | largest error / m | Pd per frame | 5 m or 3 %", lines)
 
 
 def _headline(rows: Sequence[Row], by_case: Sequence[Row], default: str) -> dict[str, Any]:
@@ -247,14 +247,7 @@ def _unavailable_table(by_case: Sequence[Row], default: str) -> str:
             least = min(poor, key=lambda r: r["after_start"])
             worst = f"{number(least['after_start'])} in `{least['case']}`"
             lines.append([what, f"{len(poor)} of {len(seen)}", worst, failures, silent, unbounded])
-    header = [
-        "case",
-        "below 0.99 after the start",
-        "least",
-        "failure",
-        "no computed data",
-        "beyond the alert limit",
-    ]
+    header = "case | below 0.99 after the start | least | failure | no computed data | beyond the alert limit"
     return table(header, lines) if lines else ""
 
 
@@ -272,10 +265,9 @@ def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def _kind_table(found: Sequence[Row]) -> str:
     """A line per kind, its methods side by side; empty without rows."""
-    methods = list(dict.fromkeys(r["method"] for r in found))
-    lines = []
-    for kind in dict.fromkeys(r["kind"] for r in found):
-        at = {r["method"]: r for r in found if r["kind"] == kind}
+    methods, lines = dict.fromkeys(r["method"] for r in found), []
+    for kind, of in grouped(found, "kind").items():
+        at = {r["method"]: r for r in of}
         mine = [at[m] for m in methods]
         lines.append(
             [
@@ -289,18 +281,15 @@ def _kind_table(found: Sequence[Row]) -> str:
                 " / ".join(_rate(r["wrong"] / r["trials"] if r["trials"] else 0.0) for r in mine),
             ]
         )
-    header = ["case", "flights", "available after the start", "misleading", "hazardous", "bound"]
-    return table([*header, "Pd per frame", "wrong per frame"], lines) if lines else ""
+    header = "case | flights | available after the start | misleading | hazardous | bound | Pd per frame"
+    return table(f"{header} | wrong per frame", lines) if lines else ""
 
 
 def _event_table(events: Sequence[Row]) -> str:
     """A line per flight: outputs of each method, frames, the worst error, the words that replay it."""
     events = sorted(events, key=lambda e: bool(e["cause"]))  # those at no stated limit first
-    flights: dict[tuple[str, ...], list[Row]] = {}
-    for event in events:
-        flights.setdefault((event["replay"], event["cause"]), []).append(event)
     lines = []
-    for (replay, cause), mine in list(flights.items())[:_LISTED]:
+    for (replay, cause), mine in list(grouped(events, "replay", "cause").items())[:_LISTED]:
         errors = [abs(e["altitude_m"] - e["truth_m"]) for e in mine if e["truth_m"] is not None]
         frames = [e["frame_index"] for e in mine]
         methods = dict.fromkeys(e["method"] for e in mine)
@@ -314,13 +303,11 @@ def _event_table(events: Sequence[Row]) -> str:
                 cause or "**none stated**",
             ]
         )
-    header = ["case:seed:batch", "outputs of", "frames", "worst error / m", "level / m"]
-    return table([*header, "stated limit"], lines)
+    return table("case:seed:batch | outputs of | frames | worst error / m | level / m | stated limit", lines)
 
 
 def _times(rows: Sequence[Row]) -> str:
     """Median CPU time of 1000 frames of each method with its altimeter and tracker."""
-    rows = [r for r in rows if r["kind"] not in LONG]
-    methods = dict.fromkeys(r["method"] for r in rows)
-    medians = {m: np.median([r["ms_per_frame"] for r in rows if r["method"] == m]) for m in methods}
+    found = grouped((r for r in rows if r["kind"] not in LONG), "method")
+    medians = {m: np.median([r["ms_per_frame"] for r in mine]) for m, mine in found.items()}
     return ", ".join(f"{m} {v:.2f} s" for m, v in medians.items()) + f" ({BLOCK} frames at a time)"

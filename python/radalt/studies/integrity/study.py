@@ -108,9 +108,8 @@ def judge_long(
     true = np.concatenate(middle)
     step = np.gradient(true)
     ms = 1e3 * (time.thread_time() - begin) / frames
-    return Flight(true, true + 0.5 * step, step / WAVEFORM.sweep_s), Judged(
-        _complete(outputs, frames), results, ms
-    )
+    flight = Flight(true, true + 0.5 * step, step / WAVEFORM.sweep_s)
+    return flight, Judged(_complete(outputs, frames), results, ms)
 
 
 def _complete(parts: list[np.ndarray], frames: int) -> np.ndarray:

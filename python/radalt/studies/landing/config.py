@@ -124,7 +124,7 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
     """
     try:
         if "curve" in data:
-            raise ValueError("curve is a list of the bench now, radalt bench landing; leave it out")
+            raise ValueError("curve is a list of the bench, radalt bench landing; leave it out")
         config = build(
             LandingConfig, {"folder": folder, **data}, "", {"interference": interference_from_yaml}
         )
@@ -177,7 +177,6 @@ def load_config(path: Path | str) -> LandingConfig:
 
 def config_dict(config: LandingConfig) -> dict[str, Any]:
     """The study as plain mappings, the inverse of `parse_config`."""
-    mapping = {
-        f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config) if f.name != "folder"
-    }
+    names = (f.name for f in dataclasses.fields(config) if f.name != "folder")
+    mapping = {name: plain(getattr(config, name)) for name in names}
     return mapping | {"interference": [interferer_to_mapping(i) for i in config.interference]}

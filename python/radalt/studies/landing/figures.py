@@ -80,17 +80,14 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     times = config.approach_times_s()[::step]
     after = "whitening" if "whitening" in config.methods else config.methods[-1]
     panels = {"without": [], "interference": [], f"after {after}": []}
-    altimeter, stage = (
-        Altimeter(config.waveform, config.altimeter),
-        create(after, config.waveform, **config.method_options.get(after, {})),
-    )
+    altimeter = Altimeter(config.waveform, config.altimeter)
+    stage = create(after, config.waveform, **config.method_options.get(after, {}))
     rng = rng_of(config, "range-time")
+    levels = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db}
     for first in range(0, config.approach.frames, step):
         truth = approach_frames(config, first, 1)
         clean, _, _ = impaired(config, truth, rng)
-        hit, _, _ = impaired(
-            config, truth, rng, overlap=config.approach.overlap, sir_db=config.approach.sir_db
-        )
+        hit, _, _ = impaired(config, truth, rng, **levels)
         for name, frame in zip(panels, (clean[:, 0], hit[:, 0], stage.process(hit[:, 0])), strict=True):
             spectra = altimeter.spectra(frame)
             panels[name].append(spectra.power[0].mean(axis=0) / spectra.power[0].max())
@@ -103,10 +100,8 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     for axis, (name, lines) in zip(axes, panels.items(), strict=True):
         with np.errstate(divide="ignore"):
             image = 10.0 * np.log10(np.maximum(np.array(lines)[:, shown].T, 1e-9))
-        picture = axis.pcolormesh(
-            times, metres[shown], image, vmin=-40, vmax=0, cmap="cividis", shading="nearest", rasterized=True
-        )
-        axis.plot(times, heights, color="white", lw=0.7, ls="--")
+        style = {"vmin": -40, "vmax": 0, "cmap": "cividis", "shading": "nearest", "rasterized": True}
+        picture = axis.pcolormesh(times, metres[shown], image, **style)
         axis.set_title(name, fontsize=10)
     figure.suptitle(_sent(config), fontsize=9)
     axes[0].set_ylabel("range / m")

@@ -23,21 +23,13 @@ MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s", "peak_t
 _LEVELS = ("sinr_db", "sir_db", "snr_db")
 _ACCURACY = ("in_band", "speed_bias_m_per_s", "speed_rmse_m_per_s")
 _INTERVALS = tuple(f"rmse_{over}_{end}_m" for over in ("detected", "forced") for end in ("low", "high"))
-_COUNTS = ("trials", "detections", "correct", "forced", "frames_lost", "wrong_far", "diverged_frames")
-_WHOLE = frozenset({"valid", "reason", *_COUNTS})
-
-
-def _columns(*names: str) -> Columns:
-    return Columns(names, frozenset({"method", "assumption"}), _WHOLE)
-
-
 _STATISTICS = (*_LEVELS, *SCORE_COLUMNS, *_INTERVALS, *_ACCURACY, "diverged_frames")
 TABLES = {
-    "approach": _columns(
-        *("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s"),
-        *("valid", "reason", *MEASURED),
+    "approach": Columns(
+        ("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s")
+        + ("valid", "reason", *MEASURED)
     ),
-    "assumptions": _columns("assumption", "method", "overlap", *_STATISTICS),
+    "assumptions": Columns(("assumption", "method", "overlap", *_STATISTICS)),
 }
 """Tables of the result: frames of the approach; rows of the sensitivity table."""
 
@@ -120,10 +112,8 @@ def _truth(config: LandingConfig, times: tuple[float, ...]) -> Truth:
     for k, time_s in enumerate(times):
         looks = _returns(config, time_s + offsets)
         frames[k] = [r.frame / np.sqrt(r.power_w) for r in looks]
-        rows.append(
-            [np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")]
-        )
-        rows[-1].append(looks[0].snr_db if config.snr_db is None else config.snr_db)
+        means = [np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")]
+        rows.append([*means, looks[0].snr_db if config.snr_db is None else config.snr_db])
     height, nearest, climb, snr = np.array(rows).reshape(-1, 4).T
     return Truth(frames, height, nearest, climb, snr, np.array(times))
 
@@ -161,9 +151,8 @@ def impaired(
         frames[k] += noise * np.float32(np.sqrt(0.5 * noise_w[k]))
         if jam_w[k] > 0:
             placed = [dataclasses.replace(i, overlap=overlap) for i in config.interference]
-            jam = interference_frames(
-                placed, looks, samples, config.waveform.rate_hz, rng, total_sir_db=-10.0 * np.log10(jam_w[k])
-            )
+            rate_hz, total_db = config.waveform.rate_hz, -10.0 * np.log10(jam_w[k])
+            jam = interference_frames(placed, looks, samples, rate_hz, rng, total_sir_db=total_db)
             frames[k] += jam.astype(np.complex64)
     with np.errstate(divide="ignore"):
         return frames, -10.0 * np.log10(jam_w), -10.0 * np.log10(jam_w + noise_w)
@@ -258,17 +247,13 @@ def _summary_rows(
     return rows
 
 
-def assumed_methods(config: LandingConfig) -> tuple[str, ...]:
-    """Methods of the sensitivity table."""
-    return tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
-
-
 def _assumption_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
     assumption = next(a for a in ASSUMPTIONS if a.name == point.assumption)
     changed = assumption.change(config)
     truth = trial_frames(changed, point.frames)
     level = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db + assumption.shift_db}
     # one seed for the whole table: rows differ by their assumption, not by their random numbers
-    rows = _summary_rows(changed, truth, _seed(config, "variant"), assumed_methods(config), **level)
+    methods = tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
+    rows = _summary_rows(changed, truth, _seed(config, "variant"), methods, **level)
     overlap = config.approach.overlap if changed.interference else 0.0
     return [row | {"assumption": point.assumption, "overlap": overlap} for row in rows]

@@ -112,30 +112,27 @@ def _errors(row: Row, over: str) -> str:
     return DASH if value is None else f"{metres(value)} ({metres(low)}{DASH}{metres(high)})"
 
 
+def _accuracy(row: Row, forced: str) -> tuple[str, ...]:
+    """Pd, share in the accuracy band, errors and bias; ``forced`` is the error of all frames."""
+    shares = number(row["pd"]), number(row["in_band"])
+    return (*shares, metres(row["rmse_detected_m"]), forced, signed_metres(row["bias_m"]))
+
+
 def _approach_lines(entries: Sequence[Row]) -> str:
-    header = ("condition", "heights", "frames", "detected", "within 5 m", "in band", "RMSE detections / m",
-              "RMSE all frames / m", "bias / m", "vertical speed error (mean ± s.e.) / (m/s)")  # fmt: skip
-    return table(
-        header,
-        (
-            (r["condition"], r["band"], r["trials"], number(r["detections"] / r["trials"]), number(r["pd"]),
-             number(r["in_band"]), metres(r["rmse_detected_m"]), metres(r["rmse_forced_m"]),
-             signed_metres(r["bias_m"]),
-             f"{number(r['speed_bias_m_per_s'], 1)} ± {number(r['speed_bias_error_m_per_s'], 1)}")
-            for r in entries
-        ),
-    )  # fmt: skip
+    header = "condition | heights | frames | detected | within 5 m | in band | RMSE detections / m"
+    rows = []
+    for r in entries:
+        where = r["condition"], r["band"], r["trials"], number(r["detections"] / r["trials"])
+        speed = f"{number(r['speed_bias_m_per_s'], 1)} ± {number(r['speed_bias_error_m_per_s'], 1)}"
+        rows.append((*where, *_accuracy(r, metres(r["rmse_forced_m"])), speed))
+    return table(f"{header} | RMSE all / m | bias / m | vertical speed error (mean ± s.e.) / (m/s)", rows)
 
 
 def _sensitivity_lines(entries: Sequence[Row]) -> str:
-    header = ("assumption", "method", "SNR / dB", "SIR / dB", "Pd (5 m)", "in band", "RMSE detections / m",
-              "RMSE all frames (95 %) / m", "bias / m", "vertical speed mean / rms, m/s")  # fmt: skip
-    return table(
-        header,
-        (
-            (r["text"], r["method"], number(r["snr_db"], 0), number(r["sir_db"], 1), number(r["pd"]),
-             number(r["in_band"]), metres(r["rmse_detected_m"]), _errors(r, "forced"), signed_metres(r["bias_m"]),
-             f"{number(r['speed_bias_m_per_s'], 1)} / {number(r['speed_rmse_m_per_s'], 1)}")
-            for r in entries
-        ),
-    )  # fmt: skip
+    header = "assumption | method | SNR / dB | SIR / dB | Pd (5 m) | in band | RMSE detections / m"
+    rows = []
+    for r in entries:
+        where = r["text"], r["method"], number(r["snr_db"], 0), number(r["sir_db"], 1)
+        speed = f"{number(r['speed_bias_m_per_s'], 1)} / {number(r['speed_rmse_m_per_s'], 1)}"
+        rows.append((*where, *_accuracy(r, _errors(r, "forced")), speed))
+    return table(f"{header} | RMSE all frames (95 %) / m | bias / m | vertical speed mean / rms, m/s", rows)

@@ -58,29 +58,24 @@ def tables_of(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
 def write_report(folder: RunFolder, found: Mapping[str, Benchmark], sweep_s: float, run: Run) -> Path:
     """Write the figure, ``report.md``, ``report.html`` and ``report.json`` of the runs by title; returns the page."""
     runs = {title: benchmark.numbers(sweep_s) for title, benchmark in found.items()}
-    draw(
-        {title: r["ffts_per_frame_by_block"] for title, r in runs.items()},
-        folder.path / "figures" / "blocks.png",
-    )
+    costs = {title: r["ffts_per_frame_by_block"] for title, r in runs.items()}
+    draw(costs, folder.path / "figures" / "blocks.png")
     template = Path(__file__).with_name("report.md.j2")
     return write_result(folder, template, run.as_dict(), {"runs": runs}, tables_of(runs))
 
 
 def draw(runs: Mapping[str, Mapping[str, float]], path: Path) -> None:
     """FFTs per frame by block as bars, one colour per run; ``runs`` is {title: {block: FFTs}}."""
-    blocks = sorted(
-        dict.fromkeys(b for r in runs.values() for b in r),
-        key=lambda b: -max(r.get(b, 0.0) for r in runs.values()),
-    )
+    each = dict.fromkeys(b for r in runs.values() for b in r)
+    blocks = sorted(each, key=lambda b: -max(r.get(b, 0.0) for r in runs.values()))
     figure = new_figure(4.6, 1.3 + 0.34 * len(blocks))
     axis = figure.subplots()
     width = 0.8 / len(runs)
     for k, (title, cost) in enumerate(runs.items()):
         y = [b + width * (k - 0.5 * (len(runs) - 1)) for b in range(len(blocks))]
         label = f"{title}, {sum(cost.values()):.0f} together"
-        axis.barh(
-            y, [cost.get(b, 0.0) for b in blocks], width, color=_COLOURS[k % len(_COLOURS)], label=label
-        )
+        lengths, colour = [cost.get(b, 0.0) for b in blocks], _COLOURS[k % len(_COLOURS)]
+        axis.barh(y, lengths, width, color=colour, label=label)
     axis.set_yticks(range(len(blocks)), blocks, fontsize=9)
     axis.invert_yaxis()
     axis.set_xlabel("CPU time per frame / FFTs of the frame")
@@ -116,9 +111,8 @@ def _blocks(runs: Mapping[str, Mapping[str, Any]]) -> str:
         columns["function alone"] = first["ffts_alone_by_block"]
     columns["calls per frame"] = first["calls_per_frame_by_block"]
     cost = first["ffts_per_frame_by_block"]
-    blocks = sorted(
-        dict.fromkeys(b for values in columns.values() for b in values), key=lambda b: -cost.get(b, 0.0)
-    )
+    each = dict.fromkeys(b for values in columns.values() for b in values)
+    blocks = sorted(each, key=lambda b: -cost.get(b, 0.0))
     return table(["block", *columns], [[b, *(number(v.get(b)) for v in columns.values())] for b in blocks])
 
 
@@ -128,4 +122,4 @@ def _latency(runs: Mapping[str, Mapping[str, Any]]) -> str:
         for r in runs.values()
         for method, ms in r["latency_ms"].items()
     ]
-    return table(["method", "median / ms", "99 % below / ms"], lines) if lines else ""
+    return table("method | median / ms | 99 % below / ms", lines) if lines else ""

@@ -100,9 +100,8 @@ def stiff_cases() -> Iterator[Case]:
     name = "one tone, no noise, SIR -40 dB (covariance of rank 2)"
     yield _interfered(name, Interferer(ToneEmitter(frequencies_hz=(1.1e6,)), -40.0), None, bound_m=_WIDE_M)
     name = "two tones 1 Hz apart, SIR -30 dB"
-    yield _interfered(
-        name, Interferer(ToneEmitter(frequencies_hz=(1.1e6, 1.1e6 + 1.0)), -30.0), bound_m=_WIDE_M
-    )
+    pair = ToneEmitter(frequencies_hz=(1.1e6, 1.1e6 + 1.0))
+    yield _interfered(name, Interferer(pair, -30.0), bound_m=_WIDE_M)
     for what, emitter in (("QPSK", QpskEmitter(pulse="rrc", evm=TYPICAL)), ("a tone", ToneEmitter(1))):
         name = f"{what} 80 dB above the return"
         yield _interfered(name, Interferer(emitter, -80.0), count=_MANY, bound_m=_WIDE_M)
@@ -114,9 +113,8 @@ def scene_cases() -> Iterator[Case]:
     yield from _speed_cases()
     for sir_db in range(-80, 81, 20):
         emitter = QpskEmitter(pulse="rrc", evm=TYPICAL)
-        yield _interfered(
-            f"SIR {sir_db:+d} dB, QPSK", Interferer(emitter, float(sir_db)), count=_MANY, detects=sir_db >= 0
-        )
+        name, jam = f"SIR {sir_db:+d} dB, QPSK", Interferer(emitter, float(sir_db))
+        yield _interfered(name, jam, count=_MANY, detects=sir_db >= 0)
     ideal = Interferer(QpskEmitter(pulse="rrc"), -20.0)
     yield _interfered("SIR -20 dB, QPSK, ideal emitter", ideal, count=_MANY)
     for snr_db in (*range(-40, 101, 20), None):

@@ -66,13 +66,8 @@ def step_limit(spread: float) -> dict[str, Any]:
 
 
 def _check(name: str, value: float, bound: float, unit: str) -> dict[str, Any]:
-    return {
-        "check": name,
-        "value": value,
-        "bound": bound,
-        "unit": unit,
-        "verdict": "pass" if value <= bound else "FAIL",
-    }
+    verdict = "pass" if value <= bound else "FAIL"
+    return {"check": name, "value": value, "bound": bound, "unit": unit, "verdict": verdict}
 
 
 def long_run_rows() -> Iterator[dict[str, Any]]:
@@ -92,13 +87,8 @@ def long_run_rows() -> Iterator[dict[str, Any]]:
         "float64 phase of 1e9 samples at 1 Hz of 7.5 MS/s, reduced", _float_drift(np.float64), 1e-6, "cycles"
     )
     drift = _float_drift(np.float32)
-    yield {
-        "check": "the same in float32, which is why nothing here is",
-        "value": drift,
-        "bound": None,
-        "unit": "cycles",
-        "verdict": "shown",
-    }
+    name = "the same in float32, which is why nothing here is"
+    yield {"check": name, "value": drift, "bound": None, "unit": "cycles", "verdict": "shown"}
 
 
 def _float_drift(dtype: type) -> float:
@@ -158,18 +148,13 @@ def determinism_rows(method: str) -> Iterator[dict[str, Any]]:
         name = f"{method}: batches of {', '.join(map(str, batches))} against one of 12"
         yield _check(name, _difference(altitudes_of(method, batches), whole), bound, "m")
     for threads in (1, 2):
-        other, said = _altitudes_in_process(method, threads)
+        try:
+            other, said = call_apart(__name__, "altitudes_of", method, threads=threads), ""
+        except WorkerError as error:
+            other, said = [], f"FAIL {error}"
         name = f"{method}: a process of {threads} {'thread' if threads == 1 else 'threads'}"
         row = _check(name, _difference(other, whole), bound, "m")
-        yield row | ({"verdict": f"FAIL {said}"} if said else {})
-
-
-def _altitudes_in_process(method: str, threads: int) -> tuple[list[float], str]:
-    """`altitudes_of` in a process of its own, and its message if it failed."""
-    try:
-        return call_apart(__name__, "altitudes_of", method, threads=threads), ""
-    except WorkerError as error:
-        return [], str(error)
+        yield row | ({"verdict": said} if said else {})
 
 
 def _difference(one: Sequence[float], other: Sequence[float]) -> float:

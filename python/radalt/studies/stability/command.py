@@ -58,9 +58,8 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     """A measured point in a line."""
     first = rows[0]
     if "case" in first:
-        return f"{first['group']}: {first['case']}: " + ", ".join(
-            f"{r['chain']} {r['verdict']}" for r in rows
-        )
+        chains = ", ".join(f"{r['chain']} {r['verdict']}" for r in rows)
+        return f"{first['group']}: {first['case']}: {chains}"
     if "check" in first:
         return "; ".join(f"{r['check']}: {r['verdict']}" for r in rows)
     return f"LMS step limit at spread {first['spread']:.0e}: {first['verdict']}"

@@ -34,7 +34,7 @@ def judge_all(cases: Iterable[Case], chains: Sequence[Chain]) -> Iterator[dict[s
 
 
 def judge(case: Case, chain: Chain) -> dict[str, Any]:
-    """The row of one case and chain: results, verdict and reason."""
+    """The row of one case and chain: results, verdict and reason; without results where there are none."""
     row: dict[str, Any] = {
         "case": case.name,
         "chain": chain.label,
@@ -48,7 +48,7 @@ def judge(case: Case, chain: Chain) -> dict[str, Any]:
     except MitigationError as error:  # refusing a waveform in one line is right
         model = chain.model or default_model_path()  # its folder does not belong to the case
         note = str(error).replace(str(model), model.name)
-        return row | _empty(f"refused: {note}") | {"verdict": "refused"}
+        return row | {"reasons": f"refused: {note}", "verdict": "refused"}
     row["precision"] = getattr(method, "metadata", {}).get("radalt_precision", chain.precision)
     altimeter = shared_altimeter(case.waveform, case.settings)
     with warnings.catch_warnings():
@@ -58,15 +58,10 @@ def judge(case: Case, chain: Chain) -> dict[str, Any]:
             result = altimeter.process(cleaned)
             recovered = _recovers(case, chain, method, altimeter)
         except (ArithmeticError, RuntimeWarning, ValueError, IndexError) as error:
-            return row | _empty(f"{type(error).__name__}: {error}") | {"verdict": "FAIL"}
+            return row | {"reasons": f"{type(error).__name__}: {error}", "verdict": "FAIL"}
     row |= _measured(case, method, altimeter, cleaned, result)
     row["recovered"] = recovered
     return row | {"verdict": _verdict(case, chain, method, altimeter, row)}
-
-
-def _empty(note: str) -> dict[str, Any]:
-    nothing = dict.fromkeys(("valid", "wrong", "error_m", "output_error", "altitude_float64_m", "recovered"))
-    return nothing | {"finite": None, "diverged": None, "silenced": None, "reasons": note}
 
 
 def _clean_frame(case: Case) -> tuple[np.ndarray, float]:
@@ -117,11 +112,9 @@ def _against_float64(
     out: dict[str, Any] = {"output_error": None, "altitude_float64_m": None}
     if case.frames.shape[1] > _MAX_REFERENCE_SAMPLES:
         return out
-    finite = np.isfinite(case.frames.view(np.float32)).all(axis=1) & np.isfinite(
-        cleaned.view(np.float32)
-    ).all(axis=1)
+    finite = all(np.isfinite(frames.view(np.float32)).all() for frames in (case.frames, cleaned))
     reference = REFERENCES.get(method.name)
-    if reference is not None and finite.all() and not method.diverged_frames:
+    if reference is not None and finite and not method.diverged_frames:
         few = slice(0, 8)
         wanted = reference(method, case.frames[few].astype(complex))
         have = cleaned[few].astype(complex)

@@ -30,9 +30,8 @@ def _lms(method: Mitigation, frames: np.ndarray, normalised: bool = False) -> np
     weights, past = np.zeros(length, complex), np.zeros(length - 1, complex)
     with np.errstate(over="ignore", invalid="ignore"):
         for frame, cleaned in zip(frames, out, strict=True):
-            source, desired = (
-                (frame, reference) if method.wiring == "reference_desired" else (reference, frame)
-            )
+            both = (frame, reference)
+            source, desired = both if method.wiring == "reference_desired" else both[::-1]
             if method.restart:
                 weights, past = np.zeros(length, complex), np.zeros(length - 1, complex)
             line = np.concatenate([past, source])

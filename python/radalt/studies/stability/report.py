@@ -11,7 +11,7 @@ from ...evaluation.engine.study import Run, Study
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
-from ...evaluation.results.rows import Columns
+from ...evaluation.results.rows import TEXT, WHOLE, Columns, grouped
 from ...evaluation.results.table import table
 
 _GROUPS = {
@@ -28,13 +28,9 @@ _COLOURS = {
     "WRONG": "#E69F00",
     "FAIL": "#D55E00",
 }
+_COUNTED = ("rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced")
 BY_GROUP = Columns(
-    names=(
-        *("group", "chain", "rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"),
-        *("worst_error_m", "worst_output"),
-    ),
-    text=frozenset({"group", "chain"}),
-    whole=frozenset({"rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"}),
+    ("group", "chain", *_COUNTED, "worst_error_m", "worst_output"), TEXT - {"declared"}, WHOLE | {"declared"}
 )
 
 
@@ -57,8 +53,10 @@ def write_report(
     rows = tables["rows"]
     _draw(rows, folder.path / "figures" / "stability.png")
     folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
+    chains = grouped(rows, "chain")
+    lines = [[chain, mine[0]["precision"], *_verdicts(mine)] for chain, mine in chains.items()]
     values = {
-        "counts": _counts(rows),
+        "counts": table(["chain", "precision", "rows", *_COLOURS], lines),
         "failed_checks": len(failures(tables | {"rows": []})),
         "group_table": _group_table(rows),
         "not_passed": _not_passed(tables),
@@ -73,41 +71,23 @@ def _verdicts(rows: Sequence[dict[str, Any]]) -> list[int]:
     return [len(rows), *(sum(r["verdict"] == v for r in rows) for v in _COLOURS)]
 
 
-def _by_chain(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    chains = dict.fromkeys(r["chain"] for r in rows)
-    return {chain: [r for r in rows if r["chain"] == chain] for chain in chains}
-
-
-def _counts(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [[chain, mine[0]["precision"], *_verdicts(mine)] for chain, mine in _by_chain(rows).items()]
-    return table(["chain", "precision", "rows", *_COLOURS], lines)
-
-
 def by_group(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """A row of `BY_GROUP` for each group of cases and each chain."""
     return [
         BY_GROUP.row({"group": group, "chain": chain} | _summed(mine))
         for group in _GROUPS
-        for chain, mine in _by_chain([r for r in rows if r["group"] == group]).items()
+        for chain, mine in grouped((r for r in rows if r["group"] == group), "chain").items()
     ]
 
 
 def _summed(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Rows as one: sums of counts, the largest errors."""
     counts = dict(zip(("rows", *_COLOURS), _verdicts(rows), strict=True))
-    sums = {name: sum(r[name] or 0 for r in rows) for name in ("frames", "valid", "wrong", "silenced")}
-    worst = {
-        name: max((r[name] for r in rows if r[name] is not None), default=None)
-        for name in ("error_m", "output_error")
-    }
-    return counts | {
-        "frames": sums["frames"],
-        "declared": sums["valid"],
-        "wrong_frames": sums["wrong"],
-        "silenced": sums["silenced"],
-        "worst_error_m": worst["error_m"],
-        "worst_output": worst["output_error"],
-    }
+    summed = {"frames": "frames", "declared": "valid", "wrong_frames": "wrong", "silenced": "silenced"}
+    largest = {"worst_error_m": "error_m", "worst_output": "output_error"}
+    sums = {name: sum(r[key] or 0 for r in rows) for name, key in summed.items()}
+    known = {name: [r[key] for r in rows if r[key] is not None] for name, key in largest.items()}
+    return counts | sums | {name: max(values, default=None) for name, values in known.items()}
 
 
 def _group_table(rows: Sequence[dict[str, Any]]) -> str:
@@ -125,14 +105,8 @@ def _group_table(rows: Sequence[dict[str, Any]]) -> str:
 def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> str:
     """Lines of the cases and chains that did not pass, then of the checks; empty if all passed."""
     bad = [r for r in tables["rows"] if r["verdict"] in ("WRONG", "FAIL")]
-    lines = [
-        [
-            r["chain"],
-            r["case"],
-            r["reasons"] if r["wrong"] is None else f"{r['wrong']} of {r['frames']} wrong",
-        ]
-        for r in bad
-    ]
+    found = [r["reasons"] if r["wrong"] is None else f"{r['wrong']} of {r['frames']} wrong" for r in bad]
+    lines = [[r["chain"], r["case"], what] for r, what in zip(bad, found, strict=True)]
     lines.sort(key=lambda line: line[0])
     for line in failures(tables | {"rows": []}):
         check, _, verdict = line.rpartition(": ")
@@ -144,7 +118,7 @@ def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> str:
 def _step_table(rows: Sequence[dict[str, Any]]) -> str:
     shown = {"spread": ".0e", "condition": ".2e", "theory": ".3e", "measured": ".3e", "ratio": ".2f"}
     lines = [[format(r[name], form) for name, form in shown.items()] for r in rows]
-    return table(["spectral spread", "condition number", "theory", "measured", "measured / theory"], lines)
+    return table("spectral spread | condition number | theory | measured | measured / theory", lines)
 
 
 def _check_table(rows: Sequence[dict[str, Any]]) -> str:
@@ -161,7 +135,7 @@ def _check_table(rows: Sequence[dict[str, Any]]) -> str:
         verdict = "pass" if all(r["verdict"] == "pass" for r in found) else methods or found[0]["verdict"]
         many = len(found) if mine[0][0] else ""
         lines.append([check, many, _span(found, "value"), _span(found, "bound"), found[0]["unit"], verdict])
-    return table(["check", "methods", "value", "bound", "unit", "verdict"], lines)
+    return table("check | methods | value | bound | unit | verdict", lines)
 
 
 def _span(rows: Sequence[dict[str, Any]], name: str) -> str:
@@ -178,12 +152,11 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """A bar for every chain and group, divided by verdict, with the number of cases that passed."""
     from matplotlib.patches import Patch
 
-    chains = _by_chain(rows)
+    chains = grouped(rows, "chain")
     groups = [group for group in _GROUPS if any(r["group"] == group for r in rows)]
     figure = new_figure(7.0, 1.7 + 0.25 * len(chains))
-    for axis, group in zip(
-        figure.subplots(1, len(groups), sharey=True, squeeze=False)[0], groups, strict=True
-    ):
+    axes = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
+    for axis, group in zip(axes, groups, strict=True):
         for y, mine in enumerate(chains.values()):
             count, *found = _verdicts([r for r in mine if r["group"] == group])
             left = 0.0

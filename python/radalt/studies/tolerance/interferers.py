@@ -111,10 +111,9 @@ class Interferer:
 
     def at_amplifier_dbm(self, profile: Profile, level_dbm: float) -> float:
         """Level behind the preselector."""
-        loss_db = (
-            profile.preselector_loss_db(self.center_hz, self.bandwidth_hz or 0.0) if self.center_hz else 0.0
-        )
-        return level_dbm - loss_db
+        if not self.center_hz:
+            return level_dbm
+        return level_dbm - profile.preselector_loss_db(self.center_hz, self.bandwidth_hz or 0.0)
 
     def highest_dbm(self, profile: Profile) -> int:
         """Highest level searched: `HIGHEST_DBM` behind the preselector."""

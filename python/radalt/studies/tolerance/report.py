@@ -15,6 +15,7 @@ from ...evaluation.engine.study import Run
 from ...evaluation.results.figure import new_figure, save_figure, say
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
+from ...evaluation.results.rows import grouped as rows_by
 from ...evaluation.results.table import DASH, table
 from .criteria import CRITERIA, HIGHEST_DBM, RUN_IN
 from .interferers import INTERFERERS, MECHANISMS
@@ -24,14 +25,7 @@ MARGIN_DB = 6.0  # safety margin that compatibility studies add
 # Thresholds of one FMCW altimeter under 5G in dBm, by the abstract of Aerospace 2025, 12(1), 16: 1 to 6 and -4 to 0
 PUBLISHED_DBM = {"nr100_3930": (-4.0, 6.0, "measured, one altimeter (Aerospace 2025)")}
 # Okabe and Ito's colours and a marker, in the order of the interferers
-STYLES = (
-    ("#0072B2", "D"),
-    ("#000000", "o"),
-    ("#D55E00", "v"),
-    ("#009E73", "^"),
-    ("#CC79A7", "P"),
-    ("#7F7F7F", "h"),
-)
+STYLES = [*zip("#0072B2 #000000 #D55E00 #009E73 #CC79A7 #7F7F7F".split(), "Dov^Ph", strict=True)]
 
 
 @dataclass(frozen=True)
@@ -87,10 +81,7 @@ Groups = Mapping[tuple[str, str, str, str, float], Pooled]
 def grouped(rows: Sequence[Mapping[str, Any]], profiles: Sequence[Profile]) -> Groups:
     """Break-points over all seeds."""
     by_name = {p.name: p for p in profiles}
-    found: dict[tuple[str, str, str, str, float], list[Mapping[str, Any]]] = {}
-    for r in rows:
-        key = r["profile"], r["mechanisms"], r["method"], r["interferer"], r["altitude_ft"]
-        found.setdefault(key, []).append(r)
+    found = rows_by(rows, "profile", "mechanisms", "method", "interferer", "altitude_ft")
     return {k: pooled(same, INTERFERERS[k[3]].highest_dbm(by_name[k[0]])) for k, same in found.items()}
 
 
@@ -174,20 +165,16 @@ def _margin_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Gr
             cells.append(f"{f.margin:+.1f} / {f.margin - MARGIN_DB:+.1f}" if known else DASH)
         lines.append(cells)
     header = ["altimeter, interferer", "Table 1, dBW/m²/MHz"]
-    return (
-        table([*header, *(f"{feet:g} ft, {m}" for feet, m in product(low, study.methods))], lines)
-        if low
-        else ""
-    )
+    header += [f"{feet:g} ft, {m}" for feet, m in product(low, study.methods)]
+    return table(header, lines) if low else ""
 
 
 def _mechanism_table(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups) -> str:
     """What every mechanism costs: break-point with it alone, and what switching it off gains in dB."""
     lines = []
     for p, name, method, mechanism in product(profiles, study.interferers, study.methods, MECHANISMS):
-        if not any(
-            (p.name, f"without {mechanism}", method, name, feet) in groups for feet in study.altitudes_ft
-        ):
+        keys = ((p.name, f"without {mechanism}", method, name, feet) for feet in study.altitudes_ft)
+        if not any(key in groups for key in keys):
             continue
         cells = [f"{p.name}, {INTERFERERS[name].title}, {method}", mechanism]
         for feet in study.altitudes_ft:
@@ -272,13 +259,8 @@ def draw(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, met
         p, low = profiles[0], min(study.altitudes_ft)
         if low < MAX_ALTITUDE_FT and not np.isnan(asked := study.asked(p, kind)):
             rule = asked - kind.flux_dbw_per_m2_mhz(p, 0.0)
-            axis.plot(
-                [low, MAX_ALTITUDE_FT],
-                [rule, rule],
-                color="#444444",
-                linewidth=2.5,
-                label="14 CFR 91.220(b) Table 1",
-            )
+            style = {"color": "#444444", "linewidth": 2.5, "label": "14 CFR 91.220(b) Table 1"}
+            axis.plot([low, MAX_ALTITUDE_FT], [rule, rule], **style)
         axis.set_title(kind.title, fontsize=9)
         axis.set_xscale("log")
         axis.set_xlim(0.8 * min(study.altitudes_ft), 1.25 * max(study.altitudes_ft))
@@ -291,12 +273,8 @@ def draw(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, met
     figure.supylabel("mean power at the port, dBm", fontsize=9)
     mitigation = "without mitigation" if method == "none" else f"with {method}"
     figure.suptitle(f"usable below the line, {mitigation}", fontsize=10)
-    named = {
-        text: line
-        for axis in figure.axes
-        for line, text in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(
-        named.values(), named.keys(), loc="outside lower center", ncols=3, fontsize=8, frameon=False
-    )
+    handles = (axis.get_legend_handles_labels() for axis in figure.axes)
+    named = {text: line for found in handles for line, text in zip(*found, strict=True)}
+    style = {"loc": "outside lower center", "ncols": 3, "fontsize": 8, "frameon": False}
+    figure.legend(named.values(), named.keys(), **style)
     return figure

@@ -176,7 +176,8 @@ class Trial:
             density, weak = sum(added.values()) / p.noise_mw_per_hz, gain.weak
             rest: np.ndarray | float = 0.0
             if self.kind.bursts is not None:
-                time_s = self.burst_s + self._times_s(part)
+                frames = np.arange(len(self.noise[0]))[part, None]
+                time_s = self.burst_s + (frames * p.waveform.sweep_s + p.waveform.sample_times_s)
                 on = self.kind.bursts.on(time_s)
                 weak = self.kind.bursts.gain(time_s, gain.weak, p.recovery_s)
                 through = gain.own**2 * 10 ** (self.kind.at_amplifier_dbm(p, level_dbm) / 10)
@@ -196,12 +197,6 @@ class Trial:
             rms = np.maximum(rms, peak * 10 ** (-p.headroom_db / 20))
         return p.converter(y, np.repeat(rms, p.sweeps_per_output)[:, None])
 
-    def _times_s(self, part: slice) -> np.ndarray:
-        """(k, N) times of the samples of a slice of frames."""
-        w = self.profile.waveform
-        frames = np.arange(len(self.noise[0]))[part, None]
-        return frames * w.sweep_s + w.sample_times_s
-
 
 @lru_cache(maxsize=4)
 def _profile(name: str) -> Profile:
@@ -218,24 +213,9 @@ def altered(profile: Profile, mechanisms: str) -> Profile:
     return replace(profile, **off)
 
 
-_TEXT = ("profile", "mechanisms", "interferer", "method", "ground", "first")
-_BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
-COLUMNS = Columns(
-    (
-        *_TEXT[:5],
-        "altitude_ft",
-        "seed",
-        "outputs",
-        "output_s",
-        "loop_loss_db",
-        "return_dbm",
-        "unlock_loss_db",
-        "first",
-    )
-    + (*_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"),
-    text=frozenset(_TEXT),
-    whole=frozenset({"seed", "outputs", "levels"}),
-)
+_STATED = "profile mechanisms interferer method ground altitude_ft seed outputs output_s loop_loss_db".split()
+_BREAK = "return_dbm unlock_loss_db first break_dbm break_dbm_per_mhz break_dbw_per_m2_mhz margin_db".split()
+COLUMNS = Columns((*_STATED, *_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"))
 
 
 @dataclass(frozen=True)
@@ -264,9 +244,8 @@ class ToleranceStudy(Study):
     def head(self) -> dict[str, Any]:
         """See `Study`."""
         numbers = [_profile(name) for name in self.profiles]
-        return vars(self) | {
-            "altimeters": [{k: getattr(p, k) for k in p.__dataclass_fields__} for p in numbers]
-        }
+        altimeters = [{k: getattr(p, k) for k in p.__dataclass_fields__} for p in numbers]
+        return vars(self) | {"altimeters": altimeters}
 
     def check(self) -> None:
         """See `Study`; raises ValueError, one line."""
@@ -293,9 +272,8 @@ class ToleranceStudy(Study):
                 raise ValueError(
                     f"--altitudes-ft: {p.name} has none within 10..{p.max_altitude_ft:g}, its span; name one"
                 )
-        if SECOND in self.methods and any(
-            INTERFERERS[x].blocker or INTERFERERS[x].others for x in self.interferers
-        ):
+        kinds = [INTERFERERS[name] for name in self.interferers]
+        if SECOND in self.methods and any(kind.blocker or kind.others for kind in kinds):
             raise ValueError(
                 f"--method: {SECOND} takes out emitters in the band; leave those outside it and other altimeters out"
             )
@@ -328,13 +306,10 @@ class ToleranceStudy(Study):
             if self.decompose and not INTERFERERS[interferer].blocker:
                 cases.append("without compression")
             elif self.decompose:
-                cases += [f"alone {m}" for m in MECHANISMS if m not in NOT_ALONE] + [
-                    f"without {m}" for m in MECHANISMS
-                ]
+                cases += [f"alone {m}" for m in MECHANISMS if m not in NOT_ALONE]
+                cases += [f"without {m}" for m in MECHANISMS]
             for case in cases:
-                words = f"{p.name}, {interferer}, {method}, seed {seed}" + (
-                    f", {case}" if case != "all" else ""
-                )
+                words = f"{p.name}, {interferer}, {method}, seed {seed}" + f", {case}" * (case != "all")
                 found.append(TolerancePoint(words, frames, "rows", name, case, interferer, method, seed))
         return found
 
@@ -388,10 +363,8 @@ class ToleranceStudy(Study):
 
     def _densities(self, p: Profile, trial: Trial, feet: float, level_dbm: float) -> dict[str, float]:
         """Densities at the port and in the air, and the margin to Table 1 where that applies."""
-        density, flux = (
-            trial.kind.density_dbm_per_mhz(p, level_dbm),
-            trial.kind.flux_dbw_per_m2_mhz(p, level_dbm),
-        )
+        density = trial.kind.density_dbm_per_mhz(p, level_dbm)
+        flux = trial.kind.flux_dbw_per_m2_mhz(p, level_dbm)
         margin = flux - self.asked(p, trial.kind) if feet <= MAX_ALTITUDE_FT else np.nan
         return {"break_dbm_per_mhz": density, "break_dbw_per_m2_mhz": flux, "margin_db": margin}
 

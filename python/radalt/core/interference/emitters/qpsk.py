@@ -97,9 +97,8 @@ class QpskEmitter(NamedEmitter):
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`."""
-        return self._sent(rate_hz, rng, lambda first, number: qpsk_symbols(number, rng, self.evm_fraction))(
-            0, count
-        )
+        sent = self._sent(rate_hz, rng, lambda first, number: qpsk_symbols(number, rng, self.evm_fraction))
+        return sent(0, count)
 
     def begin(self, rate_hz: float, rng: np.random.Generator) -> Signal:
         """Draw a transmission: symbols, phase and symbol timing."""
@@ -185,9 +184,8 @@ def _held_index(first: int, count: int, rate: float, offset: float) -> tuple[int
     start, within = divmod(first * rate + offset, 1.0)
     # conversion of non-negative times is the floor; fused with the sum it takes half the time, and 32 bits are
     # vectorised
-    return int(start), np.add(
-        _ramp(count, rate), within, out=np.empty(count, dtype=np.int32), casting="unsafe"
-    )
+    number = np.empty(count, dtype=np.int32)
+    return int(start), np.add(_ramp(count, rate), within, out=number, casting="unsafe")
 
 
 @lru_cache(maxsize=16)

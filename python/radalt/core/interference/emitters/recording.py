@@ -75,15 +75,14 @@ class RecordingEmitter(NamedEmitter):
         except ValueError:  # `samples` raises it
             return ()
         said = ((word, opened.head.get(f"core:{word}")) for word in ("license", "author", "description"))
+        above = "above the recording's noise (coherence of its prefix)"
         if snr_db is None:
             noise = f"{name}: no OFDM found, so its noise is not known"
         elif snr_db == MOST_DB:
-            noise = (
-                f"{name}: OFDM {snr_db:.0f} dB or more above the recording's noise (coherence of its prefix)"
-            )
+            noise = f"{name}: OFDM {snr_db:.0f} dB or more {above}"
         else:
             noise = (
-                f"{name}: OFDM {snr_db:.1f} dB above the recording's noise (coherence of its prefix); "
+                f"{name}: OFDM {snr_db:.1f} dB {above}; "
                 f"demodulation gains at most {10 * np.log10(1 + 10 ** (snr_db / 10)):.1f} dB"
             )
         return (*opened.notes, *(f"{name}: {word} {shown(text)}" for word, text in said if text), noise)

@@ -2,18 +2,18 @@
 
 Least squares with soft decisions: ``h = sum w y conj(E s) / sum w E|s|^2`` over the elements that share h. Three models
 share it differently: *static*, one channel for the frame; *moving*, a parabola over the frame; *tile*, one gain and
-slope for each resource block and part of a half slot, as precoding has it.
+slope for twelve subcarriers of a half slot, about as precoding has it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
 from .arrays import block_sums, median, moving_average, moving_sum, power
+from .common_phase import axes_phases
 from .equaliser import ElementGrid
 from .numerology import Numerology
-from .phase_timing import axes_phases
 from .settings import OfdmSettings
 
 _BLOCK = 12  # subcarriers, TS 38.211 clause 4.4.4.1
@@ -89,7 +89,7 @@ def blind_channel(grid: ElementGrid, free: np.ndarray, model: str, settings: Ofd
     elif model == "moving":
         mean = ndimage.uniform_filter(flat, (5, 17), mode="nearest")
     else:
-        mean = ChannelEstimator(settings).tiles(flat, np.abs(flat) + np.float32(1e-6), grid, slopes=False)
+        mean = _tiles(flat, np.abs(flat) + np.float32(1e-6), grid, slopes=False)
     middle = len(mean) // 2
     angle = np.angle(mean).astype(np.float64)
     if model != "tile":  # quarter turns between tiles do not matter
@@ -115,135 +115,81 @@ def _widest(mean: np.ndarray) -> np.ndarray:
     return best
 
 
-@dataclass
-class ChannelEstimator:
-    """Least squares for one frame. ``edge`` is the first subcarrier of a resource block, once it is known."""
+def estimate_channel(
+    agreement: np.ndarray,
+    weight: np.ndarray,
+    grid: ElementGrid,
+    model: str,
+    *,
+    wide: bool = False,
+    prior: tuple[np.ndarray, np.float32] | None = None,
+    bound: np.ndarray | None = None,
+) -> np.ndarray:
+    """Channel by least squares, (1, K) complex64 for the static model and (L, K) for the others.
 
-    settings: OfdmSettings
-    cuts: list[np.ndarray] | None = field(default=None)
-    edge: np.ndarray | None = field(default=None)
-
-    def estimate(
-        self,
-        agreement: np.ndarray,
-        weight: np.ndarray,
-        grid: ElementGrid,
-        model: str,
-        *,
-        wide: bool = False,
-        prior: tuple[np.ndarray, np.float32] | None = None,
-        bound: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Channel, (1, K) complex64 for the static model and (L, K) for the others.
-
-        - ``agreement`` (L, K) complex64: ``w y conj(E s)``, w the inverse noise and 0 where an element is not trusted
-        - ``weight`` (L, K) float32: ``w E|s|^2``
-        - ``model``: "static", "moving" or "tile"
-        - ``wide``: whether to average over 15 subcarriers, as long as many decisions are wrong
-        - ``prior`` ((K,) complex64, float32) or None: channel of the iteration before and its weight, for subcarriers
-          in which hardly anything is sent
-        - ``bound`` (1, K) or (L, K) float32 or None: modulus of the blind channel; the estimate stays within 0.4 and
-          2.5 times that. Where silence is decided, least squares would let the channel run away.
-        """
-        k = np.arange(agreement.shape[1])
-        whole = agreement.sum(axis=0)
-        slope = float(np.angle(np.vdot(whole[:-1], whole[1:])))
-        flat = np.exp(-1j * slope * k).astype(np.complex64)
-        if model == "static":
-            width = 15 if wide else 3
-            total, norm = whole * flat, weight.sum(axis=0)
-            if prior is not None:
-                total = total + prior[1] * prior[0] * flat
-                norm = norm + prior[1]
-            h = (moving_average(total, width) / np.maximum(moving_average(norm, width), np.float32(1e-9)))[
-                None
-            ]
-        elif model == "moving":
-            h = self._moving(agreement * flat, weight, grid, 16 if wide else 8)
-        else:
-            h = self.tiles(agreement * flat, weight, grid)
-        h = h * flat.conj()
-        if bound is not None:
-            size = np.abs(h)
-            h = h * (np.clip(size, 0.4 * bound, 2.5 * bound) / np.maximum(size, np.float32(1e-9)))
-        return h.astype(np.complex64, copy=False)
-
-    @staticmethod
-    def _moving(agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid, width: int) -> np.ndarray:
-        """Parabola over the frame, from some ``width`` subcarriers around each; linear between blocks of them."""
-        count, block = len(agreement), grid.numerology.block
-        t = ((np.arange(count) - (count - 1) / 2) / count * 2).astype(np.float32)
-        powers = t ** np.arange(5, dtype=np.float32)[:, None]
-        first = (powers[:3] @ agreement.view(np.float32)).view(np.complex64)
-        around = 2 * (width // block // 2) + 1
-        first = moving_sum(block_sums(first, block), around)
-        moments = moving_sum(block_sums(powers @ weight, block), around)
-        gram = moments[np.add.outer(np.arange(3), np.arange(3))].transpose(2, 0, 1)
-        gram = gram + (1e-4 * np.maximum(moments[0], 1e-9))[:, None, None] * np.eye(3, dtype=np.float32)
-        terms = np.linalg.solve(gram, first.T[..., None])[..., 0]  # (blocks, 3)
-        at = (np.arange(agreement.shape[1]) - (block - 1) / 2) / block
-        low = np.clip(np.floor(at).astype(int), 0, len(terms) - 2)
-        part = np.clip(at - low, 0, 1).astype(np.float32)[:, None]
-        terms = (1 - part) * terms[low] + part * terms[low + 1]
-        return powers[:3].T @ terms.T.astype(np.complex64)
-
-    def tiles(
-        self, agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid, *, slopes: bool = True
-    ) -> np.ndarray:
-        """(L, K): one complex gain and slope per resource block and part of a half slot.
-
-        Where a half slot divides (the slot's data begin after its control symbols), and on which subcarrier resource
-        blocks begin, is what explains most of the power: ``sum |sum w y conj(s)|^2 / sum w |s|^2``.
-        """
-        count = agreement.shape[1]
-        self.cuts = _cuts(agreement, weight, grid)
-        a = np.stack([agreement[rows].sum(axis=0) for rows in self.cuts])
-        b = np.stack([weight[rows].sum(axis=0) for rows in self.cuts])
-        if self.edge is None or not slopes:
-            most = -1.0
-            for first in range(_BLOCK):
-                edge = np.unique(np.append(0, np.arange(first, count, _BLOCK)))
-                sums, norms = np.add.reduceat(a, edge, axis=1), np.add.reduceat(b, edge, axis=1)
-                explained = float((power(sums) / np.maximum(norms, 1e-6)).sum())
-                if explained > most:
-                    most, self.edge = explained, edge
-        edge = self.edge
-        width = np.diff(np.append(edge, count))
-        x = (np.arange(count) - np.repeat(edge + (width - 1) / 2, width)).astype(np.float32)
-        norm = np.maximum(np.add.reduceat(b, edge, axis=1), np.float32(1e-6))
-        gain = np.repeat(np.add.reduceat(a, edge, axis=1) / norm, width, axis=1)
-        if slopes:
-            second = np.add.reduceat(b * x * x, edge, axis=1) + np.float32(1e-6)
-            tilt = np.add.reduceat((a - gain * b) * x, edge, axis=1) / second
-            gain = gain + np.repeat(tilt, width, axis=1) * x
-        h = np.empty(agreement.shape, np.complex64)
-        for rows, own in zip(self.cuts, gain, strict=True):
-            h[rows] = own
-        return h
+    - ``agreement`` (L, K) complex64: ``w y conj(E s)``, w the inverse noise and 0 where an element is not trusted
+    - ``weight`` (L, K) float32: ``w E|s|^2``
+    - ``model``: "static", "moving" or "tile"
+    - ``wide``: whether to average over 15 subcarriers, as long as many decisions are wrong
+    - ``prior`` ((K,) complex64, float32) or None: channel of the iteration before and its weight, for subcarriers
+      in which hardly anything is sent
+    - ``bound`` (1, K) or (L, K) float32 or None: modulus of the blind channel; the estimate stays within 0.4 and
+      2.5 times that. Where silence is decided, least squares would let the channel run away.
+    """
+    k = np.arange(agreement.shape[1])
+    whole = agreement.sum(axis=0)
+    slope = float(np.angle(np.vdot(whole[:-1], whole[1:])))
+    flat = np.exp(-1j * slope * k).astype(np.complex64)
+    if model == "static":
+        width = 15 if wide else 3
+        total, norm = whole * flat, weight.sum(axis=0)
+        if prior is not None:
+            total = total + prior[1] * prior[0] * flat
+            norm = norm + prior[1]
+        h = (moving_average(total, width) / np.maximum(moving_average(norm, width), np.float32(1e-9)))[None]
+    elif model == "moving":
+        h = _moving(agreement * flat, weight, grid, 16 if wide else 8)
+    else:
+        h = _tiles(agreement * flat, weight, grid)
+    h = h * flat.conj()
+    if bound is not None:
+        size = np.abs(h)
+        h = h * (np.clip(size, 0.4 * bound, 2.5 * bound) / np.maximum(size, np.float32(1e-9)))
+    return h.astype(np.complex64, copy=False)
 
 
-def _cuts(agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid) -> list[slice]:
-    """Slices of symbols that share a precoder: half slots, divided after up to three control symbols."""
-    ends = np.append(grid.segments[1:], len(agreement))
-    out = []
-    for number, (a, b) in enumerate(zip(grid.segments, ends, strict=True)):
-        cut = 0
-        if b - a > 5 and (number or len(grid.segments) == 1):
-            sums = np.cumsum(moving_average(agreement[a:b], 7), axis=0)
-            norms = np.cumsum(moving_average(weight[a:b], 7), axis=0)
+def _moving(agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid, width: int) -> np.ndarray:
+    """Parabola over the frame, from some ``width`` subcarriers around each; linear between blocks of them."""
+    count, block = len(agreement), grid.numerology.block
+    t = ((np.arange(count) - (count - 1) / 2) / count * 2).astype(np.float32)
+    powers = t ** np.arange(5, dtype=np.float32)[:, None]
+    first = (powers[:3] @ agreement.view(np.float32)).view(np.complex64)
+    around = 2 * (width // block // 2) + 1
+    first = moving_sum(block_sums(first, block), around)
+    moments = moving_sum(block_sums(powers @ weight, block), around)
+    gram = moments[np.add.outer(np.arange(3), np.arange(3))].transpose(2, 0, 1)
+    gram = gram + (1e-4 * np.maximum(moments[0], 1e-9))[:, None, None] * np.eye(3, dtype=np.float32)
+    terms = np.linalg.solve(gram, first.T[..., None])[..., 0]  # (blocks, 3)
+    at = (np.arange(agreement.shape[1]) - (block - 1) / 2) / block
+    low = np.clip(np.floor(at).astype(int), 0, len(terms) - 2)
+    part = np.clip(at - low, 0, 1).astype(np.float32)[:, None]
+    terms = (1 - part) * terms[low] + part * terms[low + 1]
+    return powers[:3].T @ terms.T.astype(np.complex64)
 
-            def explained(low: int, high: int, sums: np.ndarray = sums, norms: np.ndarray = norms) -> float:
-                s, n = sums[high - 1], norms[high - 1]
-                if low:
-                    s, n = s - sums[low - 1], n - norms[low - 1]
-                return float((power(s) / np.maximum(n, 1e-9)).sum())
 
-            most = explained(0, b - a)
-            for tried in (1, 2, 3):
-                both = explained(0, tried) + explained(tried, b - a)
-                if both > 1.002 * most:
-                    most, cut = both / 1.002, tried
-        if cut:
-            out.append(slice(a, a + cut))
-        out.append(slice(a + cut, b))
-    return out
+def _tiles(
+    agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid, *, slopes: bool = True
+) -> np.ndarray:
+    """(L, K): one complex gain and slope per twelve subcarriers and half slot."""
+    count = agreement.shape[1]
+    edge = np.arange(0, count, _BLOCK)
+    a, b = (np.add.reduceat(x, grid.segments, axis=0) for x in (agreement, weight))
+    width = np.diff(np.append(edge, count))
+    x = (np.arange(count) - np.repeat(edge + (width - 1) / 2, width)).astype(np.float32)
+    norm = np.maximum(np.add.reduceat(b, edge, axis=1), np.float32(1e-6))
+    gain = np.repeat(np.add.reduceat(a, edge, axis=1) / norm, width, axis=1)
+    if slopes:
+        second = np.add.reduceat(b * x * x, edge, axis=1) + np.float32(1e-6)
+        tilt = np.add.reduceat((a - gain * b) * x, edge, axis=1) / second
+        gain = gain + np.repeat(tilt, width, axis=1) * x
+    return gain[grid.segment].astype(np.complex64, copy=False)

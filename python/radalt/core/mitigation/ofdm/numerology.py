@@ -4,8 +4,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from .settings import SETTINGS, OfdmSettings
-
 _CYCLE_S = 0.5e-3  # from one long prefix to the next, TS 38.211 clause 5.3.1
 _PREFIX_S = 144 / 30.72e6  # short prefix at 15 kHz, TS 38.211 clause 5.3.1; it shrinks with the symbol
 _LONGER_S = 16 / 30.72e6  # by which the long prefix exceeds it, whatever the spacing
@@ -25,7 +23,7 @@ class Numerology:
     - ``block``: adjacent subcarriers that share one noise and one constellation: the most of 4, 2, 1 that divides K
     """
 
-    def __init__(self, rate_hz: float, spacing_hz: float, settings: OfdmSettings = SETTINGS) -> None:
+    def __init__(self, rate_hz: float, spacing_hz: float) -> None:
         self.spacing_hz = spacing_hz
         self.useful = round(rate_hz / spacing_hz)
         self.per_cycle = round(7 * spacing_hz / _BASE_HZ)
@@ -39,7 +37,6 @@ class Numerology:
         self.cyclic: dict[
             tuple[bytes, int], tuple[slice, np.ndarray]
         ] = {}  # the last of `ElementGrid.cyclic`
-        self._slack = int(self.prefix * settings.window_slack)
 
     def blocks(self, subcarriers: int) -> int:
         """Odd number of blocks that cover about so many subcarriers of 15 kHz."""
@@ -52,8 +49,8 @@ class Numerology:
         prefix, where neither early nor late echoes bring in another symbol.
         """
         starts = np.rint(times).astype(int)
-        held = np.flatnonzero((starts >= -self._slack) & (starts + self.useful <= samples + self._slack))
-        return held, np.clip(starts[held], 0, samples - self.useful)
+        held = np.flatnonzero((starts >= 0) & (starts + self.useful <= samples))
+        return held, starts[held]
 
     def times(self, first_long: float, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """(n,) times of the middles of the prefixes around a frame, a long one at ``first_long``, and their half slots.

@@ -16,7 +16,6 @@ class OfdmSettings:
     least_kurtosis: float = 1.5  # mean squared power over squared mean; OFDM has 2, a sweep 1 [F]
     prefix_contrast: float = 4.5  # ratio; prefix correlation over its scatter; noise stays below 4.2 [M]
     certain_contrast: float = 8.0  # ratio; no other spacing is tried: noise has 1e-6 of it [F: Rayleigh]
-    window_slack: float = 1 / 3  # prefix; how far an FFT at a frame's end may be from its place [F]
     occupied: float = 0.35  # of the strongest block; less is silence between two users [M]
     in_use: float = 1e-3  # of the median subcarrier power; below is the filter's skirt [M]
     # return
@@ -55,7 +54,7 @@ class OfdmSettings:
     readable: float = 0.4  # nats; with less in a static channel no other one is tried [M]
     channel_error: float = 3.0  # coherent residual over noise: another channel model is tried [M]
     tile_better: float = 0.97  # of the moving channel's error, for precoding to be tried in its place [M]
-    better_score: float = 0.02  # nats by which another channel model has to win [M]
+    better_gain: float = 0.02  # nats by which another channel model has to win [M]
     uneven_region: float = 2.0  # times a subcarrier's noise; a region of a symbol with more has its own [M]
     # subtraction
     outlier_return: float = 3.0  # times the 0.8 quantile of what is left in the return mask [M]

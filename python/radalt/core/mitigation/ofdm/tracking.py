@@ -7,10 +7,10 @@ import numpy as np
 from .arrays import power
 from .cfo import phase_course
 from .channel_estimation import ChannelStart, fourth_powers
+from .common_phase import axes_phases
 from .equaliser import ElementGrid, timing_ramp
 from .iterative_receiver import IterativeReceiver, KnownReturn, Reception
 from .numerology import Numerology
-from .phase_timing import axes_phases
 from .settings import OfdmSettings
 
 _BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged

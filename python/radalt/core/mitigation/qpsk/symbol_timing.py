@@ -6,8 +6,12 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft
 
+from ...fir import cosine_window
+from ...spectral_line import peak_curve, peak_offset, upper_median
 from ...waveform import exp_cycles
 from .settings import QpskSettings
+
+_PEAK_CURVE = peak_curve(cosine_window("hann", 256, periodic=True), 1 / 256)
 
 
 @dataclass(frozen=True)
@@ -27,30 +31,24 @@ def _window(count: int) -> np.ndarray:
     return window
 
 
-def find_symbol_timings(frame: np.ndarray, s: QpskSettings) -> list[SymbolTiming]:
-    """Symbol timings that an (n,) complex64 frame may have: the strongest lines, the slowest of like power first.
+def find_symbol_timing(frame: np.ndarray, s: QpskSettings) -> SymbolTiming | None:
+    """Symbol timing of an (n,) complex64 frame: the slowest line of like power to the strongest; None without one.
 
     The mean of ``x[n] x*[n-1]`` is periodic with the symbols (cyclostationarity; W. A. Gardner, IEEE Signal Process.
     Mag. 8(2), 1991). Of ``|x|^2`` rectangular pulses of constant modulus would show no line. Short transitions make
-    harmonics nearly as strong as the symbol rate, and echoes make them stronger: the decisions show which is right.
+    harmonics nearly as strong as the symbol rate, and echoes make them stronger.
     """
     count = frame.size
     spectrum = fft.rfft(_neighbour_products(frame))
     power = spectrum.real**2 + spectrum.imag**2
     bins = s.line_floor_bins
     used = power[: power.size - power.size % bins].reshape(-1, bins)
-    floor = np.sort(used, axis=1)[:, bins // 2]
-    contrast = (used / np.maximum(floor, 1e-30)[:, None]).ravel()
+    contrast = (used / np.maximum(upper_median(used), 1e-30)[:, None]).ravel()
     contrast[: int(s.min_symbol_rate * count)] = 0
     contrast[int(s.max_symbol_rate * count) :] = 0
     first = int((contrast > s.harmonic_power * contrast.max()).argmax())
     line = first + int(contrast[first : first + s.line_bins].argmax())
-    lines: list[int] = []
-    while len(lines) < s.max_lines and contrast[line] >= s.min_line_contrast:
-        lines.append(line)
-        contrast[max(0, line - s.line_bins) : line + s.line_bins + 1] = 0
-        line = int(contrast.argmax())
-    return [_timing(spectrum, line, count) for line in lines]
+    return _timing(spectrum, line, count) if contrast[line] >= s.min_line_contrast else None
 
 
 def symbol_instant(frame: np.ndarray, rate: float) -> float:
@@ -82,11 +80,7 @@ def _neighbour_products(frame: np.ndarray) -> np.ndarray:
 
 def _timing(spectrum: np.ndarray, line: int, count: int) -> SymbolTiming:
     """Rate and phase of a line between two bins."""
-    before, peak, after = np.abs(spectrum[line - 1 : line + 2])
-    # the ratio of two bins next to a line gives its place between them: exact for the Hann window
-    side = 1 if after > before else -1
-    ratio = float(max(before, after) / peak)
-    rate = (line + side * (2 * ratio - 1) / (ratio + 1)) / count
+    rate = (line + float(peak_offset(np.abs(spectrum[line - 1 : line + 2]) ** 2, _PEAK_CURVE))) / count
     # the window is even about the frame's middle, where the phase of a bin does not depend on the line's place in it
     return SymbolTiming(rate, _instant(float(np.angle(spectrum[line])) + np.pi * line, rate, count))
 

@@ -66,9 +66,8 @@ class GroundGrid(Settings, where="ground"):
         cell = float(2.0 ** np.floor(np.log2(radius_m / self.cells_per_radius)))
         lat, lon, area, amplitude = self._scatterers(state, cell, height * np.tan(off_nadir_rad))
         elevation, slope_e, slope_n = terrain.height_and_slope(lat, lon)
-        offset = geodetic_to_ecef(lat, lon, elevation) - geodetic_to_ecef(
-            state.latitude_deg, state.longitude_deg, state.altitude_m
-        )
+        place = geodetic_to_ecef(state.latitude_deg, state.longitude_deg, state.altitude_m)
+        offset = geodetic_to_ecef(lat, lon, elevation) - place
         local = offset @ enu_axes(state.latitude_deg, state.longitude_deg).T
         distance = np.sqrt(np.einsum("ij,ij->i", local, local))
         direction = local / distance[:, None]

@@ -35,9 +35,8 @@ class LandingProfile:
     @cached_property
     def altitude_m(self) -> np.ndarray:
         """(frames,) heights of the antenna above the ground below it."""
-        lat, lon, altitude = np.array(
-            [(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in self.states]
-        ).T
+        places = [(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in self.states]
+        lat, lon, altitude = np.array(places).T
         return altitude - self.radar.terrain.height_m(lat, lon)
 
     @cached_property

@@ -102,9 +102,8 @@ def interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray, 
     nodes = np.arange(count + TAPS + 1)
     distance = position[:, None] - nodes[None, :]
     inside = np.abs(distance) <= TAPS / 2
-    taper = np.i0(KAISER_BETA * np.sqrt(np.clip(1.0 - (2.0 * distance / TAPS) ** 2, 0.0, None))) / np.i0(
-        KAISER_BETA
-    )
+    taper = np.i0(KAISER_BETA * np.sqrt(np.clip(1.0 - (2.0 * distance / TAPS) ** 2, 0.0, None)))
+    taper /= np.i0(KAISER_BETA)
     matrix = np.where(inside, np.sinc(distance) * taper, 0.0)
     matrix.setflags(write=False)
     first = -(0.5 * samples + (TAPS // 2) * step) / rate_hz

@@ -95,9 +95,8 @@ class DtedCell:
         if void == "fill" and voids:
             from scipy.ndimage import distance_transform_edt
 
-            posts = posts[
-                tuple(distance_transform_edt(np.isnan(posts), return_distances=False, return_indices=True))
-            ]
+            nearest = distance_transform_edt(np.isnan(posts), return_distances=False, return_indices=True)
+            posts = posts[tuple(nearest)]
         return cls(
             south_deg=tile.dsi.south_west_corner.latitude,
             west_deg=tile.dsi.south_west_corner.longitude,

@@ -190,9 +190,8 @@ class Trajectory:
                     f"trajectory.altitude{name} is {value!r}; allowed: {', '.join(allowed)}"
                 )
         height = column[altitude] if altitude else column["altitude"] or column["geo"] or column["baro"]
-        missing = [k for k in ("time", "latitude", "longitude") if column[k] is None] + (
-            [] if height else [f"altitude: {altitude}" if altitude else "altitude"]
-        )
+        missing = [k for k in ("time", "latitude", "longitude") if column[k] is None]
+        missing += [] if height else [f"altitude: {altitude}" if altitude else "altitude"]
         if missing:
             wanted = {min(COLUMNS[k], key=len): COLUMNS[k][0] for k in missing if k in COLUMNS}
             other = (
