@@ -75,7 +75,7 @@ def test_every_epoch_holds_every_example_once_in_its_own_order(tmp_path):
 
 def test_a_coarse_converter_leaves_its_levels():
     """Every frame through 1 to 8 bits: at most 256 values on a rail, and no example without a return in it."""
-    config = replace(data.CONFIGS["heard"], converter=1.0, counts=(1.0,))
+    config = replace(data.CONFIGS["received"], converter=1.0, counts=(1.0,))
     levels = set()
     for index in range(30):
         received, clean, _ = data.example(config, W, 5, index)

@@ -120,7 +120,7 @@ CONFIGS: dict[str, SceneConfig] = {
     ),
     # third part of `compact`: half of the interferers with a clock of their own, more of several at once, coarse
     # converters
-    "heard": SceneConfig(
+    "received": SceneConfig(
         sir_db=(-58.0, 2.0),
         snr_db=(0.0, 25.0),
         kinds=(
@@ -165,10 +165,10 @@ CONFIGS["predecessor"] = SceneConfig(
     seed=21,
 )
 # fourth part of `compact`: the distributions of the third, held-out examples
-CONFIGS["lean"] = replace(CONFIGS["heard"], seed=5)
+CONFIGS["lean"] = replace(CONFIGS["received"], seed=5)
 # fifth part: more NR, above all of 10 MHz, and more of several at once
 CONFIGS["crowded"] = replace(
-    CONFIGS["heard"],
+    CONFIGS["received"],
     kinds=(
         ("tones", 0.7),
         ("qpsk_rectangular", 1.3),

@@ -84,9 +84,11 @@ RECIPES: dict[str, Recipe] = {
     # interferers with white noise of their own
     "compact_first": Recipe("compact_wide", steps=10_000, stop=2_750),
     "compact_deep": Recipe("compact_wide", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
-    "compact_heard": Recipe("compact_wide", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
+    "compact_received": Recipe(
+        "compact_wide", data="received", steps=5_250, rate=1e-3, start_from="compact_deep"
+    ),
     "compact_lean": Recipe(
-        "compact", data="lean", steps=9_000, rate=1e-3, start_from="compact_heard", dropped_blocks=(2, 4)
+        "compact", data="lean", steps=9_000, rate=1e-3, start_from="compact_received", dropped_blocks=(2, 4)
     ),
     "compact_crowded": Recipe("compact", data="crowded", steps=6_000, rate=1e-3, start_from="compact_lean"),
     "compact_ground": Recipe("compact", data="ground", steps=4_500, rate=1e-3, start_from="compact_crowded"),

@@ -173,10 +173,10 @@ def simulate(
             raise ValueError(
                 "it has one receive channel; give it a section auxiliary, or leave auxiliary off"
             )
-        pieces = list(both_received(chosen, programme.total_frames + 1, trials_only=True))
+        trial = np.flatnonzero(programme.is_trial(np.arange(programme.total_frames)))[:frames]
+        pieces = list(both_received(chosen, int(trial[-1]) + 2, trials_only=True))
     except ValueError as error:
         raise SceneError(f"scene {chosen.name}: {error}") from None
-    trial = np.flatnonzero(programme.is_trial(np.arange(programme.total_frames)))[:frames]
     at, truth_m = trial + 1 - pieces[0][0] // n, programme.altitude_m(trial)
     first = np.concatenate([samples for _, samples, _ in pieces]).reshape(-1, n)[at]
     if not auxiliary:

@@ -21,7 +21,7 @@ from ..core.paths import share_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
-# commands until 0.3.0, and what measures the same now
+# commands until 0.3.0, and what measures the same
 _MOVED = {
     "cancellation": "radalt bench evm",
     "detection": "radalt bench detection, and radalt bench null without a return",

@@ -8,8 +8,9 @@ power (`Cfar`, `PairSearch`), and if most of the likelihood of all pairs lies wi
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import fft, special
+from scipy import fft
 
+from ..spectral_line import peak_curve, peak_offset, sum_level
 from ..usual_errors import usual_errors
 from ..waveform import Waveform, checked, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, SPEED_M_PER_S, AltimeterSettings, Reason
@@ -137,28 +138,9 @@ class Altimeter(BeatSpectra):
         inner = self.beat_hz[margin : self.beat_hz.size - margin]
         allowed = np.nonzero((inner >= self.search_hz[0]) & (inner <= self.search_hz[1]))[0]
         self._first, self._last = int(allowed[0]), int(allowed[-1]) + 1
-        self._interpolation = self._interpolation_table(shape, step)
+        self._searched = np.arange(self._first, self._last)
+        self.peak_curve = peak_curve(shape, step)
         self._flank, self._side_lobes = self._lobe_limits(shape, step)
-
-    def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Slope over curvature of three powers around a peak against the sub-cell offset, exact for one tone.
-
-        ``(R - L) / (2 C - L - R)``, as of a parabola: holes in the sweep, which narrow the peak, change numerator and
-        denominator alike, and a noise floor adds to neither. The ratio of ``R`` to ``L`` alone was 1.2 m off behind
-        whitening under 5 MHz NR at -30 dB, and this is 0.3 m.
-        """
-        offsets = np.linspace(-1.0, 1.0, 201)
-        # exp(x (k B + b)) = exp(x k B) exp(x b): 2 sqrt(n) exponentials per offset instead of n
-        row = int(np.ceil(np.sqrt(window.size)))
-        rows = np.pad(window, (0, -window.size % row)).reshape(-1, row)
-
-        def power(cells: np.ndarray) -> np.ndarray:
-            turn = -2j * np.pi * step * cells[:, None]
-            coarse, fine = np.exp(turn * row * np.arange(len(rows))), np.exp(turn * np.arange(row))
-            return np.abs(np.sum((coarse @ rows) * fine, axis=1)) ** 2
-
-        left, here, right = (power(cell - offsets) for cell in (-1, 0, 1))
-        return (right - left) / (2.0 * here - left - right), offsets
 
     def _lobe_limits(self, window: np.ndarray, step: float) -> tuple[float, np.ndarray]:
         """Power half a resolution cell away that no peak shows; greatest side lobe by distance in cells, 6 dB to spare.
@@ -313,8 +295,7 @@ class Altimeter(BeatSpectra):
         power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
         noise = np.take_along_axis(before.noise, pair[..., None], axis=-1)[..., 0]
         strong = ((power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)).all(axis=-1)
-        least = special.gammainccinv(2.0, pfa)  # threshold on the sum of two exponentials
-        strong &= _joint(before, pair) + before.uncounted >= least
+        strong &= _joint(before, pair) + before.uncounted >= sum_level(pfa, 2)
         beats = self.beat_hz[pair + self.cfar.margin]
         nothing[at] = strong & self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
         return nothing
@@ -338,8 +319,9 @@ class Altimeter(BeatSpectra):
     def _peak_to_sidelobe_db(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """(n,) main lobe, to its first zeros, over the strongest cell next to it, in the range profile."""
         margin = self.cfar.margin
-        profile = power[..., margin + self._first : margin + self._last].sum(axis=1)
-        apart = np.abs(np.arange(self._first, self._last) - pair.mean(axis=1)[:, None])
+        power = power[..., margin + self._first : margin + self._last]
+        profile = power[:, 0] + power[:, 1]
+        apart = np.abs(self._searched - 0.5 * (pair[:, :1] + pair[:, 1:]))
         inside = apart <= _FIRST_ZERO[self.settings.window] * self._per_resolution
         main = np.where(inside, profile, 0.0).max(axis=1)
         others = np.where(inside, 0.0, profile).max(axis=1)
@@ -365,21 +347,13 @@ class Altimeter(BeatSpectra):
         altitude at any speed; a weighted sum would follow the clearer one and be wrong by the unexpected speed.
         """
         pair, around = found.pair, found.around
-        own = self._offsets(around)
-        peaks = (np.abs(own) < self._interpolation[1][-1]).all(axis=1)
+        own = peak_offset(around, self.peak_curve)
+        peaks = (np.abs(own) < self.peak_curve[1][-1]).all(axis=1)
         if not peaks.all():
-            together = self._offsets((around / found.noise[..., None]).sum(axis=1))
-            own = np.where(peaks[:, None], own, together[:, None])
+            both = (around / found.noise[..., None]).sum(axis=1)
+            own = np.where(peaks[:, None], own, peak_offset(both, self.peak_curve)[:, None])
         cells = np.where(np.isnan(found.mean), pair + own, found.mean)
         return self.beat_hz[self.cfar.margin] + self.cell_hz * cells
-
-    def _offsets(self, around: np.ndarray) -> np.ndarray:
-        """(...) offset in cells of a peak from the middle one of (..., 3) powers; the table's end where it is none."""
-        left, here, right = around[..., 0], around[..., 1], around[..., 2]
-        slope, bend = right - left, 2.0 * here - left - right
-        # no peak: towards the higher side
-        bend = np.maximum(bend, np.finfo(np.float32).tiny)
-        return np.interp(np.divide(slope, bend, dtype=float), *self._interpolation)
 
     def _tops(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) the strongest cells within a resolution cell of a pair: an extended return is no tone."""
@@ -402,7 +376,8 @@ class Altimeter(BeatSpectra):
         cells = pair + self.cfar.margin
         rows, halves = np.arange(len(pair))[:, None, None], np.arange(2)[:, None]
         around = spectra.power[rows, halves, cells[..., None] + np.arange(-1, 2)]
-        straddle = np.minimum(np.abs(self._offsets(around)), 0.5)  # at most half a cell from the nearer one
+        # at most half a cell from the nearer one
+        straddle = np.minimum(np.abs(peak_offset(around, self.peak_curve)), 0.5)
         most = self._blind_samples(self.beat_hz[-1])
         blind = self._blind_samples(self.beat_hz[cells]) / most if most > 0 else np.zeros(cells.shape)
         edges = np.empty(cells.shape)

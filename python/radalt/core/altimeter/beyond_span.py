@@ -6,14 +6,12 @@ where the ground is: dechirped, a return is one line in each half sweep, at any 
 strongest pair of lines lies beyond the span, the frame passes every method unchanged, and the altimeter declares none.
 """
 
-import math
-
 import numpy as np
 from scipy import fft
 
+from ..spectral_line import pair_sums, partner, significance, sum_level
 from ..waveform import Waveform
 from .altimeter_settings import FASTEST_M_PER_S
-from .sweep_pairing import running_maxima
 
 # Resolution cells beyond the highest altitude from which the altimeter itself declares no return.
 _MARGIN_CELLS = 2
@@ -65,10 +63,7 @@ class BeyondSpan:
         rows = [row if up else row.conj() for row, up in zip(reference, self._rising, strict=True)]
         self._table = (np.stack(rows) * turn).astype(np.complex64)
         trials = self._count * (2 * reach + 1.0)
-        level = 2.0
-        while trials * (1.0 + level) * np.exp(-level) > _PFA:
-            level += 0.01
-        self._threshold = level  # on the sum of two exponentials
+        self._threshold = sum_level(_PFA / trials, 2)
 
     def __call__(self, frames: np.ndarray) -> np.ndarray:
         """(n,) bool of (n, N) complex64 frames; False where a frame is not finite."""
@@ -105,23 +100,18 @@ class BeyondSpan:
             power = cells[:, :-1] + cells[:, 1:]  # a line between two cells loses less
             strong = power[:, first:].max(axis=1) >= 0.5 * WEAKEST * power[:, : first - 2].max(axis=1)
             shown, powers = shown[strong], [rows[strong] for rows in (*powers, power)]
-        wide = np.zeros((len(shown), self._count - 1 + 2 * reach), dtype=np.float32)
-        wide[:, reach:-reach] = powers[1]
-        pairs = running_maxima(wide, 2 * reach + 1)
-        pairs += powers[0]
-        for k, pair, power in zip(shown, pairs, zip(*powers, strict=True), strict=True):
+        for k, pair, power in zip(shown, pair_sums(*powers, reach), zip(*powers, strict=True), strict=True):
             up = first + int(pair[first:].argmax())
-            low = max(up - reach, first)
-            down = low + int(power[1][low : up + reach + 1].argmax())
+            down = partner(power[1], up, reach, first)
             line = float(power[0][up] + power[1][down]) / (1.0 - self._delay_share * (up - self._below)) ** 2
             ratio = line / max(float(pair[: first - 2].max()), 1e-30)
             if ratio >= WEAKEST:
                 each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
                 out[k] = ratio if sum(each) > self._threshold and min(each) >= _FLOOR else np.nan
 
-    def _significance(self, power: np.ndarray, cell: int) -> float:
-        """-log of the probability that noise as that around a cell reaches its power."""
-        below = power[max(cell - _GUARD - _TRAIN, 0) : max(cell - _GUARD, 0)]
-        above = power[cell + _GUARD + 1 :][:_TRAIN]
-        level = float(np.add.reduce(below, dtype=np.float64) + np.add.reduce(above, dtype=np.float64))
-        return (below.size + above.size) * math.log1p(float(power[cell]) / level) if level > 0 else 0.0
+    def _significance(self, power: np.ndarray, cell: int) -> np.ndarray:
+        """(1,) `significance` of a cell over the noise around it."""
+        before = power[max(cell - _GUARD - _TRAIN, 0) : max(cell - _GUARD, 0)]
+        around = np.r_[before, power[cell + _GUARD + 1 :][:_TRAIN]]
+        level = np.maximum(around.mean(dtype=float, keepdims=True), np.finfo(np.float32).tiny)
+        return significance(power[cell : cell + 1], level, around.size)

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..spectral_line import significance
+
 _BLOCK = 8.0  # resolution cells in a block of the test for colour
 _QUARTILES = 1.35  # standard deviations between the quartiles of a normal distribution
 # Spread of block levels over that of white noise: white up to the first value, coloured from the second on.
@@ -43,17 +45,8 @@ class Significance(NamedTuple):
         return self.of(self.power, self.noise)
 
     def of(self, power: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """(n, 2, k) ``-log P`` of powers over noise levels, with ``P`` the probability that noise alone reaches them.
-
-        In noise exponential of mean 1, whatever the number of looks is.
-        """
-        looks = self.looks[..., None]
-        value = noise * looks
-        np.divide(power, value, out=value)
-        value += np.float32(1.0)
-        np.log(value, out=value)  # vectorised for float32, unlike log1p
-        value *= looks
-        return value
+        """(n, 2, k) `significance` of powers over noise levels."""
+        return significance(power, noise, self.looks[..., None])
 
     def frames(self, which: np.ndarray) -> "Significance":
         """The same for some of the frames, by index or mask."""

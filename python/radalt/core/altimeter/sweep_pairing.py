@@ -1,10 +1,12 @@
 """Which cell of the up sweep and which of the down sweep are one target."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from ..spectral_line import running_maxima
 from .altimeter_settings import Reason
 from .cfar import Cfar, Significance, repeated
 
@@ -239,38 +241,42 @@ class PairSearch:
         float: points of the mean of all pairs within twice ``near`` of the one found; ``spread`` (n,) float: standard
         deviation of the difference of their points.
         """
-        each = fine / noise[..., None]
-        each -= each.max(axis=-1, keepdims=True)
-        np.exp(each, out=each)
-        up, down = each[:, 0], each[:, 1]
-        count, n = up.shape[1], np.arange(len(up))[:, None]
+        near, apart, off, inner, room = self._pairs_around
+        count, frames = fine.shape[-1], np.arange(len(fine))[:, None, None]
+        # nothing beyond either end, as far as partners of any point go
+        each = np.zeros((len(fine), 2, count + 2 * room), dtype=np.float32)
+        inside = each[..., room : room + count]
+        np.divide(fine, noise[..., None], out=inside)
+        inside -= inside.max(axis=-1, keepdims=True)
+        np.exp(inside, out=inside)
+        # sums over the partners least..most below each up point
+        sums = np.cumsum(each[:, 1], axis=1, dtype=float)
         least, most = (_FINER * cells for cells in self.apart)
-        # sums over the partners least..most below each up point, with room for partners beyond either end
-        before, beyond = max(most, 0), max(1 - least, 0)
-        sums = np.zeros((len(down), before + count + 1 + beyond))
-        np.cumsum(down, axis=1, out=sums[:, before + 1 : before + count + 1])
-        sums[:, before + count + 1 :] = sums[:, before + count, None]
-        above, below = (sums[:, before - d :][:, :count] for d in (least - 1, most))
-        total = np.einsum("ni,ni->n", up, above - below)
+        above, below = (sums[:, room - d :][:, :count] for d in (least, most + 1))
+        total = np.einsum("ni,ni->n", inside[:, 0], above - below)
         # all pairs around the one found, by the difference of their points and by the sum, which is twice the altitude
-        near = 2.0 * _FINER * self.near
-        apart = np.arange(least, most + 1)[:, None]
-        off = np.arange(-int(3.0 * near), int(3.0 * near) + 1)
-        twice = at.sum(axis=1)[:, None, None] + apart + off  # twice the up point
-        ups = twice >> 1
-        up_at, down_at = _within(ups, count), _within(ups - apart, count)
-        there = (twice & 1 == 0) & (up_at == ups) & (down_at == ups - apart)
-        first = 2 * count * n[..., None]
-        weight = np.where(there, each.take(first + up_at) * each.take(first + count + down_at), 0.0)
-        by_off, by_apart = weight.sum(axis=1), np.where(np.abs(off) <= 2.0 * near, weight, 0.0).sum(axis=2)
-        peak = np.where(np.abs(off) <= 2.0 * near, by_off, 0.0)
+        middle = at.sum(axis=1)
+        twice = middle[:, None, None] + (apart + off)  # twice the up point
+        ups = (twice >> 1) + (2 * each.shape[-1] * frames + room)
+        weight = np.where(twice & 1, 0.0, each.take(ups) * each.take(ups + (each.shape[-1] - apart)))
+        by_off, by_apart = weight.sum(axis=1), np.where(inner, weight, 0.0).sum(axis=2)
+        peak = np.where(inner, by_off, 0.0)
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = (peak @ off) / peak.sum(axis=1)
             mass = np.where(np.abs(off - mean[:, None]) <= near, by_off, 0.0).sum(axis=1) / total
             difference = (by_apart @ apart)[:, 0] / by_apart.sum(axis=1)
             spread = np.sqrt((by_apart @ apart**2)[:, 0] / by_apart.sum(axis=1) - difference**2)
-        middle = at.sum(axis=1) + mean
-        return mass, 0.5 * np.stack([middle + difference, middle - difference], axis=1), spread
+        middle = middle + mean
+        return mass, 0.5 * np.array([middle + difference, middle - difference]).T, spread
+
+    @cached_property
+    def _pairs_around(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, int]:
+        """Of `_likely`: ``near`` in points, (D, 1) differences, (K,) sums and whether near, room beyond either end."""
+        assert self.near is not None
+        near, (least, most) = 2.0 * _FINER * self.near, (_FINER * cells for cells in self.apart)
+        off = np.arange(-int(3.0 * near), int(3.0 * near) + 1)
+        room = 2 * max(-least, most, 0) + int(3.0 * near) + 2
+        return near, np.arange(least, most + 1)[:, None], off, np.abs(off) <= 2.0 * near, room
 
     def _padded(self, down: np.ndarray) -> np.ndarray:
         """Down points, so that the partners that the allowed differences give up point ``k`` start at ``k``."""
@@ -313,13 +319,3 @@ class PairSearch:
 def _within(index: np.ndarray, count: int) -> np.ndarray:
     """Indices kept within 0..count - 1, in a third of the time of `numpy.clip`."""
     return np.minimum(np.maximum(index, 0), count - 1)
-
-
-def running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
-    """(n, m) -> (n, m - width + 1) maxima of ``width`` neighbours, from maxima of 1, 2, 4, ... of them."""
-    have = 1
-    while have < width:
-        step = min(have, width - have)
-        rows = np.maximum(rows[:, :-step], rows[:, step:])
-        have += step
-    return rows

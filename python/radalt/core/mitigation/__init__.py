@@ -115,7 +115,7 @@ def name_method(name: str, kind: str) -> None:
             f"a method of your own cannot be called {name!r}; take a new name of lower-case letters, digits and _"
         )
     style = _OWN_STYLES[len(_NAMED) % len(_OWN_STYLES)]
-    METHODS.pop(name, None)  # a name may stand for another kind from now on
+    METHODS.pop(name, None)  # a name may stand for another kind after this
     _NAMED[name] = register(type(base.__name__, (base,), {"name": name, "style": style}))
 
 

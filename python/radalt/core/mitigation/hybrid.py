@@ -21,6 +21,8 @@ _RATE_HZ = 7.5e6  # of that figure; a frame of another rate leaves less or more 
 # what is next to them there. The network knows such a burst better as it was received
 _MIN_WEIGHT = 1e-3
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest, of the mean, below which a frame holds a burst
+# `ReturnEstimator.visibility` (18 dB) from which the altimeter needs no mitigation: Pd is 0.99 at 16 dB
+_STANDS_OUT = 63.0
 _MAX_CREDIT = 600.0  # cost that is saved up at most, in the same FFTs: the longest search
 
 
@@ -115,7 +117,7 @@ class Hybrid(Mitigation):
     def _chosen(self, frame: np.ndarray, cancelled: np.ndarray) -> tuple[np.ndarray, bool]:
         """(N,) of a frame and of what a canceller left of it, and whether the network has to clean it."""
         ofdm, burst = self._by is self._cancellers[0], _has_burst(frame)
-        if (ofdm or not burst) and self._detector.return_stands_out(cancelled[None])[0]:
+        if (ofdm or not burst) and self._returns.visibility(cancelled) > _STANDS_OUT:
             return cancelled, False
         received = self._other.process(frame[None])[0]
         if self._detector.residual_db(received[None])[0] < LOST_DB and self._is_consistent(received):
@@ -140,7 +142,7 @@ class Hybrid(Mitigation):
 
     def _searched(self, frame: np.ndarray) -> np.ndarray | None:
         """(N,) frame without its OFDM or QPSK; None where neither is there, or needed, or can be searched in time."""
-        if self._credit < 0 or self._detector.return_stands_out(frame[None])[0]:
+        if self._credit < 0 or self._returns.visibility(frame) > _STANDS_OUT:
             return None
         self.searched += 1
         for method in self._cancellers:

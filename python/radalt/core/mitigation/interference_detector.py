@@ -23,8 +23,6 @@ _REACH = 24  # cells on either side of the peak: 99 % of a tone that straddles t
 # Noise gives 1.92 to 2.06 (up to 2.2 in frames of 400 samples), NR wider than the sweep 2.0 to 3, everything else 2.7
 # or more, QPSK of 2 MHz in a sweep of 3 MHz among it.
 _WHITE = 2.3
-# Peak of each half's beat spectrum over its mean, 18 dB: without mitigation Pd is 0.99 at 16 dB
-_STANDS_OUT = 63.0
 
 
 class InterferenceDetector:
@@ -95,15 +93,6 @@ class InterferenceDetector:
             cells = (short.real**2 + short.imag**2).reshape(len(rest), -1)
             ratio = (cells**2).mean(axis=1) / cells.mean(axis=1) ** 2
             return ratio * (1.0 - (2 * _REACH + 1) / self._half) < _WHITE  # the tone's cells are empty
-
-    def return_stands_out(self, frames: np.ndarray) -> np.ndarray:
-        """(n,) bool: whether both dechirped half sweeps of (n, N) complex64 frames have a tone 18 dB above their mean.
-
-        The altimeter then finds the altitude without mitigation.
-        """
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            power = self._spectra(np.asarray(frames, dtype=np.complex64))[1]
-            return (power.max(axis=-1) > _STANDS_OUT * power.mean(axis=-1)).all(axis=-1)
 
     def present(self, frames: np.ndarray) -> np.ndarray:
         """(n,) bool: whether frames show interference, or might (low SNR, no signal, values that are not finite)."""

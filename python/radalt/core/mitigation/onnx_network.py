@@ -68,7 +68,7 @@ class OnnxNetwork:
         self._allocate(1)
 
     def serve(self, samples: int, tables: Mapping[str, np.ndarray]) -> None:
-        """Take frames of ``samples`` from now on, with the constants of their sweep for the inputs of these names."""
+        """Take frames of ``samples``, with the constants of their sweep for the inputs of these names."""
         names = {entry.name for entry in self._session.get_inputs()}
         self._tables = {name: values for name, values in tables.items() if name in names}
         self._samples = samples

@@ -5,6 +5,7 @@ Powers are relative to full scale: a complex sample of magnitude 1 is 0 dBFS. Na
 
 import numpy as np
 
+from ..spectral_line import noise_level
 from ..waveform import Waveform
 
 _RAIL = 0.998  # share of full scale that counts as clipped: a 12-bit converter ends at 2047 / 2048
@@ -34,7 +35,7 @@ def strongest_lines(frames: np.ndarray, rate_hz: float) -> tuple[float, float, f
     n = frames.shape[1]
     window = np.hanning(n)
     power = np.mean(np.abs(np.fft.fft(frames * window, axis=1) / window.sum()) ** 2, axis=0)
-    power -= np.median(power)  # the noise in a bin
+    power -= noise_level(power, len(frames))
     dc = power[[-1, 0, 1]].max()
     power[[-2, -1, 0, 1, 2]] = 0.0
     return db(dc), db(power.max()), float(np.fft.fftfreq(n)[power.argmax()] * rate_hz)

@@ -58,7 +58,7 @@ class TransmitGate:
         self._beat_s, self._controlled = self._clock(), True
 
     def close(self, why: str) -> None:
-        """Zeros from now on, for good; the first reason is kept."""
+        """Zeros, for good; the first reason is kept."""
         self._closed = self._closed or why
 
     @property

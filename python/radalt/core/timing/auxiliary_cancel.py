@@ -10,16 +10,17 @@ from scipy import fft
 
 from ..altimeter.altimeter_settings import FASTEST_M_PER_S
 from ..parsing import Settings, setting
+from ..spectral_line import noise_level
 from ..waveform import Waveform, checked
 
 LEAST_ISOLATION_DB = 10.0  # isolation below which weights could take the return, and the canceller is off
 _LOADING = 1e-7  # diagonal loading over the second channel's mean power: below every converter's noise
 _EQUATIONS = 64  # samples per weight in the estimate: noise rises by 1/64, 0.07 dB
 _STANDS_OUT = (
-    30.0  # power of a line over the cells next to it that is a return: noise reaches it in 1e-6 of frames
+    21.0  # power of a line over the noise next to it that is a return: noise reaches it in 1e-6 of frames
 )
-_VISIBLE = 20.0  # power of a line over the cells next to it that noise exceeds in a cell of a million
-_UNSEEN = 3.0  # power, over that next to it, that a line may have and not be seen
+_VISIBLE = 14.0  # power of a line over the noise next to it that noise exceeds in a cell of a million
+_UNSEEN = 2.0  # power, over the noise next to it, that a line may have and not be seen
 _ALIVE = 0.01  # least noise of the second channel over the first's: a dead one shows no return either
 _TAKEN = 0.3  # largest amplitude of the return that weights may take: 3 dB
 _RAISED_DB = 1.0  # rise of the measured isolation per frame: one frame of an interferer's line is no return
@@ -134,10 +135,10 @@ class AuxiliaryCancel:
         power = spectra.real**2 + spectra.imag**2
         cell = int(np.argmax(np.where(self._span, power[0], 0)))
         # the larger of both sides: at the edge of a burst's spectrum the other one is quiet
-        noise = np.median(power[:, (cell + _SIDES) % self._n], axis=-1).max(axis=-1)
+        noise = noise_level(power[:, (cell + _SIDES) % self._n]).max(axis=-1)
         clear = power[0, cell] > _STANDS_OUT * noise[0]
         if clear:
-            self._measure(power[:, cell], noise[1], *np.median(power[:, ::8], axis=-1))
+            self._measure(power[:, cell], noise[1], *noise_level(power[:, ::8]))
         known_db = min(self.settings.isolation_db, self.isolation_db or 0.0)
         if known_db < LEAST_ISOLATION_DB:
             return

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..altimeter.beat_spectra import BeatSpectra, Spectra
+from ..spectral_line import noise_level
 
 # time over which frames are compared, s: a driver that returns an old buffer repeats tens of frames
 _MEMORY_S = 1.0
@@ -14,9 +15,9 @@ _NOISE_CELLS, _LIKE = 24, 0.85
 # with the same noise that have it; times in a row with the same lag. Under interference that repeats itself exactly the
 # return of an aircraft has another phase in all but one of a hundred.
 _SAME_PHASE, _MOST, _TIMES = 0.3, 0.9, 3
-# Power over the median at which the difference of two frames has a line (white noise: once in a billion cells), and
+# Power over the noise at which the difference of two frames has a line (white noise: once in a billion cells), and
 # over the strongest line of a frame: below it is rounding.
-_LINE, _ROUNDING = 30.0, 1e-9
+_LINE, _ROUNDING = 21.0, 1e-9
 
 
 class RepeatedFrames:
@@ -158,5 +159,5 @@ class RepeatedNoise:
             np.sum(np.abs(old) ** 2, axis=-1), np.finfo(np.float32).tiny
         )
         power = np.abs(whole - gain[:, None] * old) ** 2
-        least = _LINE * np.median(power, axis=-1) + _ROUNDING * np.max(np.abs(whole) ** 2, axis=-1)
+        least = _LINE * noise_level(power) + _ROUNDING * np.max(np.abs(whole) ** 2, axis=-1)
         return bool((power.max(axis=-1) > least).all())

@@ -138,7 +138,7 @@ class FrameSegmenter:
         return self._origin + self._filled
 
     def reacquire(self) -> None:
-        """Acquire timing again; the altitude has to be zero now."""
+        """Acquire timing again; the altitude has to be zero."""
         self._held.clear()
         self._slips.clear()
         self.state = ACQUIRING
@@ -274,7 +274,7 @@ class FrameSegmenter:
         exact = found[1] - self.reference_samples
         start = self._n + found[0] + round(exact)
         self._offset_s = (exact - round(exact)) / self.waveform.rate_hz
-        # timing is known now, also for earlier frames: go back to the first whole one
+        # timing is known, also of earlier frames: go back to the first whole one
         first = start % self._n
         self._consume(first)
         # one sample of tolerance: a latency near zero may be estimated slightly below it

@@ -7,6 +7,7 @@ from scipy import fft
 from scipy.linalg import blas
 
 from ..altimeter.altimeter import AltimeterSettings, shared_altimeter
+from ..spectral_line import peak_curve, peak_offset
 from ..waveform import Waveform, altitude_to_delay_s, sum_of_waves
 from .segmenter_settings import SegmenterSettings
 
@@ -44,8 +45,8 @@ class SweepFinder:
         # of its bins the first below the band, which is -B/2..B/2 or 0..B
         self._wraps = (self._n + 1) // 2 if waveform.centered else self._n
         flank = float(np.sinc(waveform.bandwidth_hz / waveform.rate_hz))  # response a sample off the peak
-        self._share = flank / (1.0 + flank)
-        self._fine_strength = _FINE_STRENGTH / (1.0 - 2.0 * self._share) ** 2
+        self._fine_strength = _FINE_STRENGTH * ((1.0 + flank) / (1.0 - flank)) ** 2
+        self._peak_curve = peak_curve(np.ones(512), waveform.bandwidth_hz / waveform.rate_hz / 512)
         self._expected: dict[tuple[float, float, float], np.ndarray] = {}
         self._delayed = math.nan, self._spectrum
         self.quality_db = float("nan")
@@ -141,10 +142,7 @@ class SweepFinder:
             return None
         if strength < self._fine_strength or not 0 < best < 4:
             return float(best - 2), strength
-        # the filter's response is a sinc of the bandwidth: the neighbour's share is 1/2 between two samples
-        other = best + (1 if response[best + 1] > response[best - 1] else -1)
-        share = response[other] / (response[other] + response[best])
-        fraction = (other - best) * (share - self._share) / (1.0 - 2.0 * self._share)
+        fraction = float(peak_offset(np.square(response[best - 1 : best + 2]), self._peak_curve))
         return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
 
     def expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:

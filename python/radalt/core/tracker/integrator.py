@@ -9,6 +9,7 @@ import numpy as np
 
 from ..altimeter.altimeter import Altimeter, Spectra
 from ..returns.point import point_return
+from ..spectral_line import noise_level
 
 # Dynamic range of one half sweep, linear (23 dB): the noise level is not estimated below the fourth side lobe of
 # its strongest line, 1 / (4.5 pi)^2, so that the side lobes of a strong return do not count as returns.
@@ -19,12 +20,6 @@ _BLUR_CELLS = 0.2
 # Resolution cells to either side whose median is the background of a cell. A return's main lobe and the grating lobes
 # that a method leaves of it (within 6 cells) fill less than half of them.
 _BACKGROUND_CELLS = 8
-
-
-def upper_median(values: np.ndarray) -> np.ndarray:
-    """Upper median over the last axis; `numpy.median` takes three times as long for rows this short."""
-    middle = values.shape[-1] // 2
-    return np.partition(values, middle, axis=-1)[..., middle]
 
 
 class Integrator:
@@ -58,7 +53,7 @@ class Integrator:
         self.first, self.last = max(2, int(inside[0])), min(self.beat_hz.size - 2, int(inside[-1]) + 1)
         self._plan_speeds()
         self._plan_pairs(altimeter)
-        self.peak_curve, self.point_shape = self._point_response(altimeter)
+        self.peak_curve, self.point_shape = altimeter.peak_curve, self._point_response(altimeter)
         self.background_cells = 2 * int(np.ceil(_BACKGROUND_CELLS * self.resolution_cells)) + 1
 
     def _plan_speeds(self) -> None:
@@ -100,7 +95,7 @@ class Integrator:
         # neighbours are correlated at twice the resolution's sampling: every other entry is a trial of its own
         self.trials = max(1.0, self.valid.sum() / self.resolution_cells**2)
 
-    def _point_response(self, altimeter: Altimeter) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    def _point_response(self, altimeter: Altimeter) -> tuple[np.ndarray, np.ndarray]:
         """How a point return shows in the cells around its peak, measured at the middle of the span."""
         s = altimeter.settings
         middle = int(np.argmin(np.abs(self.altitude_m[0] - 0.5 * (s.min_altitude_m + s.max_altitude_m))))
@@ -109,12 +104,10 @@ class Integrator:
         beat = self.beat_hz[cell] + offset * self.cell_hz
         frames = point_return(self.waveform, self.waveform.beats_to_altitude_m(beat, -beat))
         power = altimeter.spectra(frames).power[:, 0, cell - reach : cell + reach + 1].astype(float)
-        left, here, right = power[:, reach - 1 : reach + 2].T
-        peak = (right - left) / (2.0 * here - right - left), offset
         distance = np.arange(-reach, reach + 1) - offset[:, None]
         power /= power[offset.size // 2, reach]
         order = np.argsort(distance.ravel())
-        return peak, (distance.ravel()[order], power.ravel()[order])
+        return distance.ravel()[order], power.ravel()[order]
 
     # -- one block ------------------------------------------------------------------------------------------------
 
@@ -122,8 +115,7 @@ class Integrator:
         """(n, 2, J) float32 power over each half sweep's noise level; at most 200 (23 dB), NaN in unusable frames."""
         inner = spectra.power[..., self.first : self.last]
         with np.errstate(invalid="ignore", divide="ignore"):
-            level = upper_median(inner) * np.float32(1.0 / np.log(2.0))
-            level = np.maximum(level, inner.max(axis=-1) / np.float32(_DYNAMIC_RANGE))
+            level = np.maximum(noise_level(inner), inner.max(axis=-1) / np.float32(_DYNAMIC_RANGE))
             out = spectra.power / level[..., None]
         out[~((spectra.scale > 0) & np.isfinite(spectra.scale) & (level > 0).all(axis=-1))] = np.nan
         return out

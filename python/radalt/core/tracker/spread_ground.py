@@ -20,7 +20,8 @@ import numpy as np
 from scipy.special import i0e
 
 from ..fir import cosine_window
-from .integrator import Integrator, upper_median
+from ..spectral_line import upper_median
+from .integrator import Integrator
 
 # Shapes, in resolution cells: extent L; range of most power beyond the nearest point; blur at one cell beyond it.
 _EXTENTS = 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0

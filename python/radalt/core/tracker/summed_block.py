@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal
 
-from .integrator import Integrator, upper_median
+from ..spectral_line import peak_offset, upper_median
+from .integrator import Integrator
 
 # Variance of log(1 + x) for x exponential of mean 1, by numerical integration: what one cell of noise adds per frame.
 _VARIANCE = 0.1763
@@ -224,7 +225,7 @@ class Block:
         # noise of the slope over the curvature; next to a return the noise is greater by its power over noise
         variance = slope * (1.0 + over) / curvature**2
         return (
-            cell + float(np.interp((right - left) / curvature, *self.tables.peak_curve)),
+            cell + float(peak_offset(power[cell - 1 : cell + 2], self.tables.peak_curve)),
             float(variance),
             over,
             float(curvature),

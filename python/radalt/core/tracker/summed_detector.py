@@ -5,17 +5,13 @@ a limiter and a frequency counter over the whole IF, as altimeters before digita
 """
 
 import numpy as np
-from scipy import fft, ndimage, special
+from scipy import fft, ndimage
 
+from ..spectral_line import noise_level, peak_curve, peak_offset, sum_level
 from ..waveform import Waveform, delay_to_altitude_m
 from .tracker_settings import Status
 
 _PADDING = 2  # spectral cells per resolution cell
-_OFFSETS = np.linspace(-0.7, 0.7, 57)
-# powers left of, at and right of a line's peak
-_LINE = np.sinc((_OFFSETS + np.array([[1], [0], [-1]])) / _PADDING) ** 2
-# slope over curvature of three powers, and the line's offset in cells; a noise floor leaves it alone
-_PEAK = ((_LINE[2] - _LINE[0]) / (2 * _LINE[1] - _LINE[0] - _LINE[2]), _OFFSETS)
 # power of the edge over the peak's: the -6 dB point of the rise, as in `AltimeterSettings.strategy`
 _EDGE = 0.25
 
@@ -23,7 +19,7 @@ _EDGE = 0.25
 class SummedDetector:
     """Altitude by the sum of a block's power spectra over sweeps and both halves.
 
-    Noise alone exceeds the threshold over the band's median with probability ``pfa`` per output. Beats of a
+    Noise alone exceeds the threshold over its level in the band with probability ``pfa`` per output. Beats of a
     triangle's halves are added for every Doppler that the allowed speeds permit, and the greatest sum decides.
 
     - ``waveform``: Deramped (`core.deramp.IfWaveform`): frames are the IF's
@@ -60,9 +56,9 @@ class SummedDetector:
                 f"max_altitude_m {max_altitude_m:g} has its beat at {top * self.cell_hz:g} Hz, beyond the IF's "
                 f"{0.5 * waveform.rate_hz:g} Hz; raise the IF's rate or lower the altitude"
             )
-        looks, trials = 2 * sweeps, inside * (2 * self._reach + 1)
-        median = special.gammaincinv(looks, 0.5)
-        self.threshold = float(special.gammainccinv(looks, pfa / trials) / median)
+        self._peak_curve = peak_curve(np.ones(waveform.samples_per_half), 1.0 / self._size)
+        trials = inside * (2 * self._reach + 1)
+        self.threshold = sum_level(pfa / trials, 2 * sweeps)
         self._bias = 0.0
         if strategy == "leading_edge":
             self._bias = self._edge_bias()
@@ -99,7 +95,7 @@ class SummedDetector:
             else:
                 better = total.max(axis=1) > best.max(axis=1)
                 best[better] = total[better]
-        level = np.median(best, axis=1)
+        level = noise_level(best, 2 * self.sweeps)
         found = best.max(axis=1) > np.maximum(self.threshold * level, self._least)
         at = self._edge(best, level) if self.strategy == "leading_edge" else self._peak(best)
         beat = (self._first + at) * self.cell_hz
@@ -107,11 +103,10 @@ class SummedDetector:
         return np.where(found, Status.NORMAL, Status.NO_COMPUTED_DATA), altitude
 
     def _peak(self, total: np.ndarray) -> np.ndarray:
-        """(blocks,) fractional cell of the greatest power, exact for one line: see `_PEAK`."""
+        """(blocks,) fractional cell of the greatest power, exact for one line."""
         row, k = np.arange(len(total)), np.clip(total.argmax(axis=1), 1, total.shape[1] - 2)
-        left, here, right = (total[row, k + step] for step in (-1, 0, 1))
-        bend = np.maximum(2 * here - left - right, 1e-6 * here)
-        return k + np.interp((right - left) / bend, *_PEAK)
+        around = np.stack([total[row, k + step] for step in (-1, 0, 1)], axis=-1)
+        return k + peak_offset(around, self._peak_curve)
 
     def _edge(self, total: np.ndarray, level: np.ndarray) -> np.ndarray:
         """(blocks,) fractional cell where power first rises over a quarter of the peak, and out of the noise."""

@@ -124,7 +124,7 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
     """
     try:
         if "curve" in data:
-            raise ValueError("curve is a list of the bench now, radalt bench landing; leave it out")
+            raise ValueError("curve is a list of the bench, radalt bench landing; leave it out")
         config = build(
             LandingConfig, {"folder": folder, **data}, "", {"interference": interference_from_yaml}
         )

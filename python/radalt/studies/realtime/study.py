@@ -75,7 +75,7 @@ def median_seconds(work: Callable[[], Any], repeats: int) -> float:
 
 
 def fft_seconds(points: int, repeats: int = 2000) -> float:
-    """Median CPU time of one complex64 FFT on this machine now: a unit for costs.
+    """Median CPU time of one complex64 FFT on this machine: a unit for costs.
 
     In FFTs the cost of a frame is about the same on all machines, in milliseconds it is not.
     """

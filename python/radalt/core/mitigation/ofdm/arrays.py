@@ -5,6 +5,8 @@ from functools import lru_cache
 import numpy as np
 from scipy import ndimage
 
+from ...spectral_line import upper_median
+
 
 def power(x: np.ndarray) -> np.ndarray:
     """``|x|^2`` of complex x, any shape, real."""
@@ -65,9 +67,8 @@ def spread(values: np.ndarray, block: int) -> np.ndarray:
 
 
 def median(values: np.ndarray) -> np.floating:
-    """The upper of the two middle values where there are two; a fifth of the time of NumPy's for short arrays."""
-    flat = values.ravel()
-    return np.partition(flat, flat.size // 2)[flat.size // 2]
+    """`upper_median` of all values."""
+    return upper_median(values.ravel())
 
 
 def moving_sum(values: np.ndarray, width: int) -> np.ndarray:

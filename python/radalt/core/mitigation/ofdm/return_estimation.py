@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy import fft
 
+from ...spectral_line import noise_level, pair_sums, partner, peak_curve, peak_offset, sum_chance
 from ...waveform import C_M_PER_S, Waveform
 from .arrays import exp_ramp, power
 from .settings import OfdmSettings
@@ -17,16 +18,6 @@ class ReturnEstimate:
     samples: np.ndarray  # (N,) complex64
     ratios: np.ndarray  # (2,) float32: each half's tone over the mean power of noise in a cell there
     cells: np.ndarray  # (2,) int: each half's beat in the twice zero-padded spectrum
-
-
-@dataclass(frozen=True)
-class _Pair:
-    """Best pair of beats in the spectra of both halves: their cells (2,) int and ratios (2,), and the spectra."""
-
-    cells: np.ndarray
-    ratios: np.ndarray
-    levels: np.ndarray
-    noise: np.ndarray
 
 
 class ReturnEstimator:
@@ -46,55 +37,52 @@ class ReturnEstimator:
         self._cells = np.stack([-cells % self._half, cells % self._half + self._half])
         fine = np.arange(2 * cells[0], 2 * cells[-1] + 1)
         self._fine = np.stack([-fine % (2 * self._half), fine % (2 * self._half) + 2 * self._half])
-        n = np.arange(self._half)
-        self._window = (0.5 - 0.5 * np.cos(2 * np.pi * (n + 0.5) / self._half)).astype(np.float32)
+        self._peak_curve = peak_curve(np.ones(self._half), 0.5 / self._half)
+        n = np.arange(2 * self._half) % self._half + 0.5
+        self._window = (0.5 - 0.5 * np.cos(2 * np.pi * n / self._half)).astype(np.float32)
 
-    def _dechirped(self, frame: np.ndarray) -> np.ndarray:
-        return frame.reshape(2, -1) * self._table
+    def _dechirped(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(2, N/2) half sweeps of an (N,) frame, dechirped, and (2, cells) their twice zero-padded spectra."""
+        beat = frame.reshape(2, -1) * self._table
+        return beat, fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
 
     def visibility(self, frame: np.ndarray) -> float:
         """The weaker half sweep's beat peak over the mean power of an (N,) frame; 0 if the two are not at one beat.
 
         White interference alone stays below some ``ln(cells)``, 7 for 300 cells.
         """
-        level = power(fft.fft(self._dechirped(frame), axis=1))
-        band = level.take(self._cells)
-        peak = band.argmax(axis=1)
-        if abs(int(peak[0]) - int(peak[1])) > self._s.visible_cells:
-            return 0.0
-        return float((band.max(axis=1) / np.maximum(level.mean(axis=1), 1e-30)).min())
+        with np.errstate(invalid="ignore", over="ignore"):
+            level = power(fft.fft(frame.reshape(2, -1) * self._table, axis=1))
+            band = level.take(self._cells)
+            peak = band.argmax(axis=1)
+            if abs(int(peak[0]) - int(peak[1])) > self._s.visible_cells:
+                return 0.0
+            return float((band.max(axis=1) / np.maximum(level.mean(axis=1), 1e-30)).min())
 
     def estimate(self, frame: np.ndarray) -> ReturnEstimate:
         """Return of an (N,) frame, where samples of 0 are missing.
 
-        Frequency by a parabola through three bins of the twice zero-padded amplitude spectrum, amplitude and phase by
-        the mean over the samples that are there.
+        Frequency by `peak_offset` in the twice zero-padded spectrum, amplitude and phase by the mean over the samples
+        that are there.
         """
-        beat = self._dechirped(frame)
-        band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
-        found = self._pair(power(band))
-        return ReturnEstimate(self._tones(beat, band, found.cells), found.ratios, found.cells)
+        beat, band = self._dechirped(frame)
+        cells, ratios = _strongest(*_over_noise(band)[0], self._s.speed_cells)
+        return ReturnEstimate(self._tones(beat, band, cells), ratios, cells)
 
     def candidates(self, frame: np.ndarray, count: int) -> list[ReturnEstimate]:
         """The ``count`` likeliest returns of an (N,) frame at speeds that are flown, the likeliest first."""
-        s, beat = self._s, self._dechirped(frame)
-        band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
-        found = self._pair(power(band))
-        up, down = found.levels / found.noise[:, None]
-        sums, out = _pair_sums(up, down, s.flown_cells), []
+        reach, lobe, out = self._s.flown_cells, self._s.lobe_cells // 2, []
+        beat, band = self._dechirped(frame)
+        up, down = _over_noise(band)[0]
         for _ in range(count):
-            first = int(sums.argmax())
-            low = max(first - s.flown_cells, 0)
-            second = low + int(down[low : first + s.flown_cells + 1].argmax())
-            cells, ratios = np.array([first, second]), np.array([up[first], down[second]])
+            cells, ratios = _strongest(up, down, reach)
             out.append(ReturnEstimate(self._tones(beat, band, cells), ratios, cells))
-            sums[max(first - s.lobe_cells // 2, 0) : first + s.lobe_cells // 2 + 1] = 0
+            up[max(cells[0] - lobe, 0) : cells[0] + lobe + 1] = -np.inf
         return out
 
     def neighbours(self, frame: np.ndarray, one: ReturnEstimate) -> list[ReturnEstimate]:
         """Returns of an (N,) frame, each half's beat at all speeds that are flown with the other half's of ``one``."""
-        beat, reach = self._dechirped(frame), self._s.flown_cells
-        band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
+        (beat, band), reach = self._dechirped(frame), self._s.flown_cells
         cells = [np.clip(one.cells[::-1] + off, 1, band.shape[1] - 2) for off in range(-reach, reach + 1)]
         few = np.full(2, self._s.return_uncertainty)  # so nothing is certain of its power
         return [ReturnEstimate(self._tones(beat, band, own, exact=True), few, own) for own in cells]
@@ -105,24 +93,13 @@ class ReturnEstimator:
         """(N,) a tone in each half sweep at these cells (2,), or between them unless ``exact``."""
         steps = np.empty(2)
         for row, cell in enumerate(np.clip(cells, 1, band.shape[1] - 2)):
-            low, mid, high = np.abs(band[row, cell - 1 : cell + 2])
-            bend = low - 2 * mid + high
-            off = float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5)) if bend < 0 and not exact else 0.0
+            around = power(band[row, cell - 1 : cell + 2])
+            off = 0.0 if exact else float(np.clip(peak_offset(around, self._peak_curve), -0.5, 0.5))
             steps[row] = (1 if row else -1) * (cell + off - 6) / (2 * self._half)
         tone = exp_ramp(steps, self._half)
         there = np.maximum((beat != 0).sum(axis=1), 1)
         gain = (beat * tone.conj()).sum(axis=1) / there
         return (gain[:, None].astype(np.complex64) * tone).ravel() * self._reference
-
-    def _pair(self, levels: np.ndarray) -> _Pair:
-        """Pair of beats with the largest sum of ratios, of those that differ by no more than the speed allows."""
-        noise = np.maximum(np.median(levels, axis=1) / np.log(2), 1e-30)
-        up, down = levels / noise[:, None]
-        reach = self._s.speed_cells
-        first = int(_pair_sums(up, down, reach).argmax())
-        low = max(first - reach, 0)
-        second = low + int(down[low : first + reach + 1].argmax())
-        return _Pair(np.array([first, second]), np.array([up[first], down[second]]), levels, noise)
 
     def is_consistent(self, frame: np.ndarray) -> bool:
         """Integrity: whether an (N,) cancelled frame is consistent with one return and white noise.
@@ -135,25 +112,33 @@ class ReturnEstimator:
         Symbols decided wrongly leave one half, or several beats, and an altitude next to the return's.
         """
         s = self._s
-        beat = self._dechirped(frame) * self._window
-        found = self._pair(power(fft.fft(beat, 2 * self._half, axis=1).take(self._fine)))
-        best, weaker = float(found.ratios.sum()), float(found.ratios.min())
+        over, noise = _over_noise(self._dechirped(frame * self._window)[1])
+        cells, ratios = _strongest(*over, s.speed_cells)
+        best, weaker = float(ratios.sum()), float(ratios.min())
         # pairs of cells that are as close to each other
-        apart = 2 * abs(int(found.cells[0]) - int(found.cells[1])) + 1
+        apart = 2 * abs(int(cells[0]) - int(cells[1])) + 1
         if apart > 2 * s.flown_cells + 1:
             return False
-        if self._cells.shape[1] * apart * (1 + best) * np.exp(-best) > s.chance:
+        if self._cells.shape[1] * apart * sum_chance(best, 2) > s.chance:
             return False
-        powers = found.ratios * found.noise
+        powers = ratios * noise
         unequal = 10 * abs(np.log10(powers[0] / powers[1])) > s.balance_db
-        if unequal and apart * np.exp(-weaker) > s.chance:
+        if unequal and apart * sum_chance(weaker, 1) > s.chance:
             return False
-        rest = found.levels / found.noise[:, None]
-        for row, cell in zip(rest, found.cells, strict=True):
+        for row, cell in zip(over, cells, strict=True):
             row[max(cell - s.lobe_cells, 0) : cell + s.lobe_cells + 1] = 0
-        return bool(best > s.pair_margin * _pair_sums(*rest, s.speed_cells).max())
+        return bool(best > s.pair_margin * pair_sums(over[:1], over[1:], s.speed_cells).max())
 
 
-def _pair_sums(up: np.ndarray, down: np.ndarray, reach: int) -> np.ndarray:
-    """(cells,) ratios of the first half, each with the largest of the second within ``reach`` cells."""
-    return up + ndimage.maximum_filter1d(down, 2 * reach + 1, mode="constant")
+def _over_noise(band: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(2, cells) powers of spectra over their noise, and that, (2,)."""
+    level = power(band)
+    noise = np.maximum(noise_level(level), 1e-30)
+    return level / noise[:, None], noise
+
+
+def _strongest(up: np.ndarray, down: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cells and ratios, (2,) each, of the greatest sum of two that differ by ``reach`` cells at most."""
+    first = int(pair_sums(up[None], down[None], reach).argmax())
+    second = partner(down, first, reach)
+    return np.array([first, second]), np.array([up[first], down[second]])

@@ -6,8 +6,12 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft
 
+from ...fir import cosine_window
+from ...spectral_line import peak_curve, peak_offset, upper_median
 from ...waveform import exp_cycles
 from .settings import QpskSettings
+
+_PEAK_CURVE = peak_curve(cosine_window("hann", 256, periodic=True), 1 / 256)
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,7 @@ def find_symbol_timings(frame: np.ndarray, s: QpskSettings) -> list[SymbolTiming
     power = spectrum.real**2 + spectrum.imag**2
     bins = s.line_floor_bins
     used = power[: power.size - power.size % bins].reshape(-1, bins)
-    floor = np.sort(used, axis=1)[:, bins // 2]
-    contrast = (used / np.maximum(floor, 1e-30)[:, None]).ravel()
+    contrast = (used / np.maximum(upper_median(used), 1e-30)[:, None]).ravel()
     contrast[: int(s.min_symbol_rate * count)] = 0
     contrast[int(s.max_symbol_rate * count) :] = 0
     first = int((contrast > s.harmonic_power * contrast.max()).argmax())
@@ -82,11 +85,7 @@ def _neighbour_products(frame: np.ndarray) -> np.ndarray:
 
 def _timing(spectrum: np.ndarray, line: int, count: int) -> SymbolTiming:
     """Rate and phase of a line between two bins."""
-    before, peak, after = np.abs(spectrum[line - 1 : line + 2])
-    # the ratio of two bins next to a line gives its place between them: exact for the Hann window
-    side = 1 if after > before else -1
-    ratio = float(max(before, after) / peak)
-    rate = (line + side * (2 * ratio - 1) / (ratio + 1)) / count
+    rate = (line + float(peak_offset(np.abs(spectrum[line - 1 : line + 2]) ** 2, _PEAK_CURVE))) / count
     # the window is even about the frame's middle, where the phase of a bin does not depend on the line's place in it
     return SymbolTiming(rate, _instant(float(np.angle(spectrum[line])) + np.pi * line, rate, count))
 
