@@ -185,7 +185,7 @@ def test_without_a_return_every_declared_altitude_is_false(tmp_path):
 
 def test_entries_have_their_own_altimeter_and_take_turns(tmp_path, undrawn):
     """Through the command: memory and start-up of each, the textbook's altitudes, a page without gaps."""
-    out, methods = tmp_path / "a", "none,none_hann,none_150_m_per_s"
+    out, methods = tmp_path / "a", "none,none_hann"
     words = ["runtime", "--cases", "clean,tones", "--frames", "36", "--jobs", "1", "--methods", methods]
     assert ended(command.main, *words, "--out", out) == (0, "")
     assert_whole(out / "report.md", None)

@@ -89,10 +89,10 @@ def test_what_a_textbook_cfar_declares_ours_declares(method, scene, sir_db):
 
 def test_the_textbooks_threshold_is_our_bound_in_white_noise():
     rng = np.random.default_rng(23)
-    noise = white(rng, 1200).astype(np.complex64)
-    ratio = np.concatenate([textbook(some, 0.0)[1] for some in np.split(noise, 75)])
+    noise = white(rng, 600).astype(np.complex64)
+    ratio = np.concatenate([textbook(some, 0.0)[1] for some in np.split(noise, 40)])
     still = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
-    low, high = clopper_pearson(int(np.sum(ratio > THRESHOLD[0.0])), 1200)
+    low, high = clopper_pearson(int(np.sum(ratio > THRESHOLD[0.0])), 600)
     assert low <= still.false_alarms_per_frame <= high
 
 

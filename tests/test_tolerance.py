@@ -235,11 +235,10 @@ def test_fitted_profiles_break_where_published_tests_have_it(name, feet, low_dbm
     assert name != "typical" or -9.0 < 20 * np.log10(weak) < -3.0
 
 
-@pytest.mark.parametrize(("interferer", "level_dbm"), [("nr10", -46.0), ("tone", -55.0), ("tone", -45.0)])
-def test_a_second_channel_takes_out_what_both_receive_and_leaves_the_return(interferer, level_dbm):
-    trials = [Trial(load_profile("poor"), interferer, m, 20, 1) for m in ("none", "auxiliary_cancel")]
+def test_a_second_channel_takes_out_what_both_receive_and_leaves_the_return():
+    trials = [Trial(load_profile("poor"), "nr10", m, 20, 1) for m in ("none", "auxiliary_cancel")]
     back = trials[0].returns(200.0)
-    fails = [any(judged(*trial.outputs(back, level_dbm), 200 * FT, 0.06).values()) for trial in trials]
+    fails = [any(judged(*trial.outputs(back, -46.0), 200 * FT, 0.06).values()) for trial in trials]
     assert fails == [True, False]
     np.testing.assert_array_equal(*(trial._received(back, None, slice(0, 48)) for trial in trials))
 
@@ -295,17 +294,17 @@ def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_ret
 ):
     """One law: some 30 dB/MHz over the return at any altitude (a linear receiver: -17, -29, -44, -57 dBm/MHz)."""
     out = tmp_path / "run"
-    options = "--profile fmcw_150mhz,careful --interferers white_noise --altitudes-ft 200,1000 --outputs 20 --jobs 1"
+    options = "--profile fmcw_150mhz --interferers white_noise --altitudes-ft 200,1000 --outputs 20 --jobs 1"
     assert main([*options.split(), "--out", str(out)]) == 0
     rows = list(csv.DictReader((out / "rows.csv").open()))
-    assert [r["profile"] for r in rows] == ["fmcw_150mhz"] * 2 + ["careful"] * 2
-    for row in rows[:2]:
+    assert [r["profile"] for r in rows] == ["fmcw_150mhz"] * 2
+    for row in rows:
         assert 28.0 < float(row["break_dbm_per_mhz"]) - float(row["return_dbm"]) < 34.0
         assert row["wrong_dbm"] == ""  # missing, not wrong
     assert float(rows[0]["margin_db"]) == pytest.approx(float(rows[0]["break_dbw_per_m2_mhz"]) + 82.0)
     assert rows[1]["margin_db"] == ""  # Table 1 ends at 500 ft
     page = (out / "report.md").read_text()
-    assert "--profile=fmcw_150mhz,careful --interferers=white_noise --altitudes-ft=200.0,1000.0" in page
+    assert "--profile=fmcw_150mhz --interferers=white_noise --altitudes-ft=200.0,1000.0" in page
     assert "95 %" not in page  # of one seed
     assert "secondary" in page
     assert "Margin to 14 CFR 91.220(b) Table 1" in page

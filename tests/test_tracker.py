@@ -116,7 +116,7 @@ def test_one_frame_of_forty_decides_nothing():
     assert not np.any(tracked(frames)["state"] == State.TRACK)
 
 
-@pytest.mark.parametrize("rival_m", [700.0, 250.0, 480.0, 320.0])
+@pytest.mark.parametrize("rival_m", [700.0, 320.0])
 def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames_show_it(rival_m):
     rng = np.random.default_rng(20)
     cleaned = flight(rng, np.full(400, 400.0), 0.0)
@@ -401,7 +401,6 @@ def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
 @pytest.mark.parametrize(
     ("level_db", "altitude_m", "first", "copy_m_per_s", "ground_m_per_s"),
     [
-        (10.0, 500.0, 240, 12.0, 0.0),
         (20.0, 500.0, 185, 12.0, -0.5),  # soon after confirmation, while the track's speed is least certain
         (20.0, 500.0, 300, 19.5, -9.7),  # 48 m apart at the end, where the copy's side lobes cover the ground
     ],
