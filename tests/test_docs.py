@@ -210,12 +210,18 @@ def _break_points_at_200_ft(rows):
     return [f"{float(r['break_dbm']):.1f}" for r in mine] + [f"{-float(r['margin_db']):.0f}" for r in mine]
 
 
-def _within_5_m_of_an_approach(rows):
-    """Without interference, and its interval, in percent."""
-    mine = [r for r in rows if r["overlap"] == "0"]
+def _shares_within_5_m(rows, overlap="0", method="none"):
+    """Of frames of an approach, and its interval."""
+    mine = [r for r in rows if (r["overlap"], r["method"]) == (overlap, method)]
     errors = [abs(float(r["altitude_m"] or "nan") - float(r["height_m"])) for r in mine]
     correct = sum(error < CORRECT_LIMIT_M for error in errors)
-    return [f"{100 * share:.0f}" for share in (correct / len(mine), *wilson_interval(correct, len(mine)))]
+    return [correct / len(mine), *wilson_interval(correct, len(mine))]
+
+
+def _under_and_without_qpsk(rows):
+    """Shares without mitigation, behind tcae, and without interference."""
+    where = (("1", "none"), ("1", "tcae"), ("0", "none"))
+    return [f"{_shares_within_5_m(rows, *each)[0]:.2f}" for each in where]
 
 
 def _what_guarding_costs(rows):
@@ -262,7 +268,13 @@ def _what_guarding_costs(rows):
             ("docs/landing.md",),
             r"\*\*Extended ground.*?(\d+) %.*?\((\d+) to (\d+) %\)",
             "landing_approach",
-            _within_5_m_of_an_approach,
+            lambda rows: [f"{100 * share:.0f}" for share in _shares_within_5_m(rows)],
+        ),
+        (
+            ("README.md", "docs/index.md"),
+            r"([\d.]+) of 200 frames are right without mitigation, ([\d.]+).*?and ([\d.]+) without",
+            "range_time",
+            _under_and_without_qpsk,
         ),
         (
             ("docs/tracker.md",),

@@ -114,15 +114,11 @@ def test_pooled_rows_equal_the_score_of_all_trials_together():
     valid = rng.random(40) < 0.7
     everything = results(altitude, valid=valid, index=np.arange(6, 46))
     whole = score(everything, programme)
-    halves = []
+    halves, at = [], OverlapPoint.at(0.5, -10, 10)
     for part in (everything[:13], everything[13:]):
         s = dataclasses.replace(score(part, programme), lost=0)
         timing = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
-        halves.append(
-            make_row(
-                "none", "x", OverlapPoint.at(0.5, -10, 10), 1, s, diverged_frames=0, segmenter={}, **timing
-            )
-        )
+        halves.append(make_row("none", "x", at, 1, s.row(), diverged_frames=0, segmenter={}, **timing))
     pooled = pool(halves)
     for name in ("trials", "detections", "correct", "forced"):
         assert getattr(pooled, name) == getattr(whole, name)

@@ -12,7 +12,7 @@ from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
 from radalt.core.mitigation import create
 from radalt.core.mitigation.qpsk.settings import DEFAULTS
-from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
+from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timing
 from radalt.core.scene import SceneError, parse_scene
 from radalt.core.waveform import Waveform
 
@@ -46,7 +46,7 @@ def left(cleaned, clean):
 def test_symbols_come_at_the_rate_of_a_clock_of_their_own(pulse, clock_ppm):
     emitter = QpskReceivedEmitter(pulse=pulse, clock_ppm=clock_ppm)
     frame = emitter.samples(N, RATE_HZ, np.random.default_rng(2)).astype(np.complex64)
-    timing = find_symbol_timings(frame, DEFAULTS)[0]
+    timing = find_symbol_timing(frame, DEFAULTS)
     # in symbols over the frame; 300 ppm are half a symbol
     assert timing.rate * N == pytest.approx(
         emitter.symbol_rate_hz / RATE_HZ * (1 + 1e-6 * clock_ppm) * N, abs=0.03
@@ -123,19 +123,8 @@ def test_tones_on_top_are_taken_away_first():
     assert left(cleaned, clean).max() < 0.5 + 3 * 3 * 1000 * 3.75 / N  # of 2,000
 
 
-@pytest.mark.parametrize("overlap", [0.3, 0.6, 1.0])
-@pytest.mark.parametrize("sir_db", [-30.0, -60.0])
-def test_qpsk_switched_on_the_sample_grid_is_read_sample_by_sample(sir_db, overlap):
-    frames, clean, _ = received(QpskEmitter(), sir_db, seed=18, overlap=overlap)
-    method = create("qpsk_cancel", W)
-    cleaned = method.process(frames)
-    assert method.cancelled == 4 and method.active_share == pytest.approx(overlap, abs=0.01)
-    assert left(cleaned, clean).max() < 0.01
-    assert np.mean(cleaned == 0) < 0.005
-
-
 @pytest.mark.parametrize("sir_db", [-20.0, -40.0])
-def test_slow_symbols_of_a_receiver_with_a_filter_are_not_taken_for_such(sir_db):
+def test_slow_symbols_are_cancelled(sir_db):
     frames, clean, _ = received(QpskReceivedEmitter(bandwidth_hz=0.4e6), sir_db, seed=19)
     cleaned = create("qpsk_cancel", W).process(frames)
     assert np.median(left(cleaned, clean)) < 0.3
@@ -267,9 +256,6 @@ def test_an_emitter_that_changes_is_read_again_in_the_next_frame(later, place):
     assert method.tracked >= 3 + len(frames) - changed - 1
 
 
-PAPER = QpskEmitter(carrier_hz=3_100.0)
-
-
 def test_a_frame_of_which_most_would_be_blanked_is_read_anew():
     # at -10 dB the points are hardly safe, so that runs of them are short
     frames, _, _ = received(QpskReceivedEmitter(pulse="rrc"), -10.0, count=40, seed=24)
@@ -300,10 +286,9 @@ def test_tones_that_begin_later_are_taken_away_too(sir_db):
     assert rest[:4].max() < 0.3 and np.median(rest[4:]) < 0.02 * 10 ** (-sir_db / 10)
 
 
-@pytest.mark.parametrize("emitter", [PLAIN, PAPER], ids=["received", "paper"])
-def test_a_tone_in_the_place_of_the_emitter_is_no_data(emitter):
+def test_a_tone_in_the_place_of_the_emitter_is_no_data():
     time = np.arange(4 * N)
-    frames, clean = going_on((emitter, 8 * N))
+    frames, clean = going_on((PLAIN, 8 * N))
     frames[4:] = clean[4:] + 100 * np.exp(2j * np.pi * 1_200.0 / RATE_HZ * time).reshape(4, N)
     cleaned = create("qpsk_cancel", W).process(frames)
     assert left(cleaned[:4], clean[:4]).max() < 0.3

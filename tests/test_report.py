@@ -55,14 +55,13 @@ def rows_of(scene, batches=1):
             correct = correct_of(method, point, trials)
             squared = 0.04 * trials + 1e4 * (trials - correct)
             s = Score(trials, trials, correct, trials, 0, 0, squared, 0.1, 0.04 * trials)
-            seed = point_seed(scene.seed, point)
-            timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
-            timing["right"] = bits(np.arange(trials) < correct)
-            out.append(
-                make_row(
-                    method, scene.interference_name, point, seed, s, diverged_frames=0, segmenter={}, **timing
-                )
+            seed, found = (
+                point_seed(scene.seed, point),
+                s.row() | {"right": bits(np.arange(trials) < correct)},
             )
+            timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
+            where = (method, scene.interference_name, point, seed, found)
+            out.append(make_row(*where, diverged_frames=0, segmenter={}, **timing))
     return out
 
 
@@ -72,9 +71,9 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
     rows = []
     for method, count in right.items():
         s = Score(100, 100, count, 100, 0, 0, 4.0, 0.1, 4.0)
-        where = (method, "qpsk", OverlapPoint.at(1.0, -28, 10), 1, s)
-        bit = bits(np.arange(100) < count)
-        more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0, "right": bit}
+        found = s.row() | {"right": bits(np.arange(100) < count)}
+        where = (method, "qpsk", OverlapPoint.at(1.0, -28, 10), 1, found)
+        more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
         rows.append(make_row(*where, diverged_frames=0, segmenter={}, **more))
     text = verdict(rows, "simulated", {"bandwidth_hz": 7.5e6})
     assert text.startswith(
@@ -112,7 +111,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
         if row["sir_db"] == -28 and row["overlap"]:
             labels = (row["method"], row["interference"], point, row["seed"])
             timing = {"ms_per_frame": np.zeros(0), "real_time_factor": 1.5}
-            row = make_row(*labels, lost, diverged_frames=0, segmenter={}, **timing)
+            row = make_row(*labels, lost.row(), diverged_frames=0, segmenter={}, **timing)
             assert row["pd"] is None and row["trials"] == 0
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))

@@ -11,6 +11,7 @@ from radalt.core.tracker.deleter import Deleter
 from radalt.core.tracker.gate import Gate
 from radalt.core.tracker.initiator import Initiator
 from radalt.core.tracker.integrator import Integrator
+from radalt.core.tracker.rivals import is_side_lobe, second_return
 from radalt.core.tracker.scan import Scan
 from radalt.core.tracker.summed_block import Block, Measurement
 from radalt.core.tracker.track import Evidence, Kalman, Track
@@ -366,7 +367,7 @@ def test_a_track_starts_where_a_grating_lobe_wins_the_votes_but_not_the_power():
         block = Block(parts.tables, ratio, np.arange(40.0))
         found = block.measure(block.strongest(np.abs(parts.tables.down_cell - 150) < 2))
         assert block.strongest().cells == (150, 156) and block.strongest().strength > found.strength
-        assert block.is_side_lobe(found, mixed=True) is ghost
+        assert is_side_lobe(block, found, mixed=True) is ghost
 
 
 def test_what_a_network_leaves_within_the_span_alone_is_no_second_return():
@@ -382,17 +383,17 @@ def test_what_a_network_leaves_within_the_span_alone_is_no_second_return():
         level[here - 24 : here - 15] += second * lobe  # 100 m below
         block = Block(tables, ratio * level, np.arange(40.0))
         found = block.measure(block.strongest(np.abs(tables.up_cell - here) <= 2))
-        assert block.second_return(found, 30, 0.25, 0.1, 0.0) is said
+        assert second_return(block, found, 30, 0.25, 0.1) is said
 
 
-@pytest.mark.parametrize(("step", "counts"), [(12, False), (-12, True)])
+@pytest.mark.parametrize(("step", "counts"), [(12, False), (-12, True), (-4, True), (-3, False)])
 def test_a_return_eight_decibels_weaker_near_by_counts_below_and_not_above(step, counts):
-    """The nearest ground is the altitude."""
+    """The nearest ground is the altitude, from nine tenths of a resolution cell (here four cells) on."""
     parts = parts_of()
     ratio = showing(parts, 150, 150, 35, power=40.0).block.ratio
     ratio[:, :, 149 + step : 152 + step] += 0.16 * 40.0 * np.array([0.5, 1.0, 0.5], dtype=np.float32)
     block = scan_of(parts, ratio).block
-    assert block.second_return(block.best(), 24, 10**-0.6, 10**-1.0, 0.0) is counts
+    assert second_return(block, block.best(), 24, 10**-0.6, 10**-1.0) is counts
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
@@ -484,6 +485,17 @@ def test_the_deviation_of_a_shape_is_a_mean_over_the_blocks():
         scan = scan_of(parts, ratio, 59.5 + 40.0 * k)
         shown.append(scan.block.shape_deviation(parts.updater.update(track, scan)))
     assert 0.0 < min(shown) < track.deviation < max(shown)
+
+
+def test_the_level_for_spread_ground_falls_by_a_tenth_per_block_that_shows_none():
+    parts = parts_of()
+    track = started(parts, 150, 150, 42)
+    track.edge_m = 3.0
+    for k in range(3):
+        ratio = showing(parts, 150, 150, 60 + k).block.ratio
+        assert parts.updater.update(track, scan_of(parts, ratio, 59.5 + 40.0 * k))
+        assert track.edge_m == pytest.approx(3.0 * 0.9 ** (k + 1))
+    assert parts.integrity.protection_m(track) > 1.0 + 3.0 * 0.9**3
 
 
 @pytest.mark.parametrize("doppler_m_per_s", [15.0, -15.0])

@@ -6,8 +6,8 @@ from pathlib import Path
 from ..core.mitigation import METHODS
 from ..core.parsing import InputError
 from ..core.paths import share_dir
-from ..evaluation.results.proportion import clopper_pearson_bound
 from ..evaluation.results.rows import unbits
+from ..evaluation.results.score import pool
 from ..evaluation.results.table import table
 from .paired import curves, held, paired
 from .rows import Row, read_rows
@@ -72,7 +72,7 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
     The best stored entry of a case is the one that holds most decibels there; both are given over the same frames.
     """
     ours, theirs = curves(row for row in mine if row["entry"] == name), curves(stored)
-    lines, ahead, behind, wrong, trials = [], 0, 0, 0, 0
+    lines, ahead, behind = [], 0, 0
     for where, by in ours.items():
         curve = by[name]
         if len(curve) < 2:
@@ -83,8 +83,6 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
         best = max(shipped, key=lambda entry: shipped[entry])
         gain, over_none = paired(curve, theirs[where][best]), paired(curve, theirs[where]["none"])
         ahead, behind = ahead + (gain[1] > 0), behind + (gain[2] < 0)
-        wrong += sum(row["detections"] - row["correct"] for row in curve)
-        trials += sum(row["trials"] for row in curve)
         cells = [
             f"{held(curve):.1f}",
             f"{best} {shipped[best]:.1f}",
@@ -92,13 +90,13 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
             _interval(over_none),
         ]
         lines.append([f"{where[0]}, {where[1]:g}", *cells])
-    costs = [row["ffts"] for by in ours.values() for row in by[name]]
-    ffts = sorted(costs)[len(costs) // 2]
+    rows = [row for by in ours.values() for row in by[name]]
+    total, ffts = pool(rows), sorted(row["ffts"] for row in rows)[len(rows) // 2]
     live = "runs live" if ffts <= _LIVE_FFTS else "does not run live"
     head = (
         f"{name}: ahead of the best shipped method in {ahead} of {len(lines)} cases, level in "
-        f"{len(lines) - ahead - behind}, behind in {behind}; wrong and valid {wrong} of {trials} "
-        f"(95 %: at most {clopper_pearson_bound(wrong, trials):.2g}); {ffts:.0f} FFTs per frame, {live}"
+        f"{len(lines) - ahead - behind}, behind in {behind}; wrong and valid {total.wrong} of {total.trials} "
+        f"(95 %: at most {total.wrong_bound:.2g}); {ffts:.0f} FFTs per frame, {live}"
     )
     names = ["case, overlap", "held / dB", "best shipped", "over it / dB (95 %)", "over none / dB (95 %)"]
     return f"{head}\n\n{table(names, lines)}"

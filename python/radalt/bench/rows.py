@@ -3,21 +3,15 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ..evaluation.results.rows import Columns, bits
-from ..evaluation.results.score import SCORE_COLUMNS, score_frames
+from ..evaluation.results.rows import Columns
+from ..evaluation.results.score import BITS, SCORE_COLUMNS, frame_columns
 from .entry import Entry, Outcome
 from .frames import Frames
 from .lists import Case
 
 WHERE = ("list", "digest", "case", "overlap", "sir_db", "snr_db", "entry")
 COLUMNS = Columns(
-    (*WHERE, *SCORE_COLUMNS, "limit_m", "right", "declared", "diverged", "seed", "ms", "ffts"),
-    text=frozenset({"list", "digest", "case", "entry", "right", "declared"}),
-    whole=frozenset(
-        {"trials", "detections", "correct", "forced", "frames_lost", "wrong_far", "diverged", "seed"}
-    ),
+    (*WHERE, *SCORE_COLUMNS, "limit_m", *BITS, "diverged", "seed", "ms", "ffts"),
     timing=frozenset({"ms", "ffts"}),
 )
 Row = dict[str, Any]
@@ -28,26 +22,13 @@ def row_of(names: tuple[str, str], case: Case, entry: Entry, frames: Frames, out
 
     ``sir_db`` is empty without interference; without a return, levels are those of one of unit power.
     """
-    results = out.results
-    right = results["valid"] & (np.abs(results["altitude_m"] - frames.truth_m) < case.limit_m)
-    found = score_frames(results, frames.truth_m, lost=frames.lost, limit_m=case.limit_m)
-    scene = frames.scene
+    scene, limit_m = frames.scene, case.limit_m
     sir_db = scene.sir_db if scene.interference else None
     level = (case.name, case.overlap, sir_db, scene.channel.snr_db, entry.name)
     where = dict(zip(WHERE, (*names, *level), strict=True))
-    return COLUMNS.row(
-        where
-        | found.row()
-        | {
-            "limit_m": case.limit_m,
-            "right": bits(right),
-            "declared": bits(results["valid"]),
-            "diverged": out.diverged,
-            "seed": frames.scene.seed,
-            "ms": out.ms,
-            "ffts": out.ffts,
-        }
-    )
+    found = frame_columns(out.results, frames.truth_m, lost=frames.lost, limit_m=limit_m)
+    facts = {"limit_m": limit_m, "diverged": out.diverged, "seed": scene.seed, "ms": out.ms, "ffts": out.ffts}
+    return COLUMNS.row(where | found | facts)
 
 
 def read_rows(path: Path, columns: Columns = COLUMNS) -> list[Row]:

@@ -18,8 +18,6 @@ from .lists import Case
 _FRAMES = 8  # of a case, per turn
 TURN_COLUMNS = Columns(
     ("entry", "case", "ms", "ms_p99", "ffts", "ffts_p99", "memory_bytes", "start_ms", "model_bytes"),
-    text=frozenset({"entry", "case"}),
-    whole=frozenset({"memory_bytes", "model_bytes"}),
     timing=frozenset({"ms", "ms_p99", "ffts", "ffts_p99", "memory_bytes", "start_ms"}),
 )
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from ...evaluation.results.pareto import draw_pareto
 from ...evaluation.results.proportion import clopper_pearson_bound
+from ...evaluation.results.rows import grouped
+from ...evaluation.results.score import pool
 from ...evaluation.results.table import number, table
 from ..paired import curves, held
 from ..rows import Row
@@ -30,13 +32,16 @@ def summaries(
     for name in entries:
         mine = [row for row in rows if row["entry"] == name]
         each = [held(by[name]) for by in found.values() if len(by.get(name, ())) >= _LEVELS]
+        shared, own = pool([row for row in mine if _level(row) in common]), pool(mine)
         cost = [row for row in turns if row["entry"] == name] if name in timed else mine
         out[name] = {
             "held_db": float(np.mean(each)) if each else float("nan"),
-            "wrong": float(sum(row["detections"] - row["correct"] for row in mine if _level(row) in common)),
-            "trials": float(sum(row["trials"] for row in mine if _level(row) in common)),
-            "all_wrong": float(sum(row["detections"] - row["correct"] for row in mine)),
-            "all_trials": float(sum(row["trials"] for row in mine)),
+            **{
+                "wrong": shared.wrong,
+                "trials": shared.trials,
+                "all_wrong": own.wrong,
+                "all_trials": own.trials,
+            },
             **{key: float(np.median([row[key] or np.nan for row in cost])) for key in ("ms", "ffts")},
         }
     return out
@@ -49,8 +54,7 @@ def _level(row: Row) -> tuple[str, float, float | None, float | None]:
 def turns_table(turns: Sequence[Mapping[str, Any]]) -> str:
     """Cost of entries that took turns: the mean over the cases of the medians, the most, memory and start-up."""
     lines = []
-    for name in dict.fromkeys(row["entry"] for row in turns):
-        mine = [row for row in turns if row["entry"] == name]
+    for name, mine in grouped(turns, "entry").items():
         ms, ffts = (f"{np.mean([row[key] for row in mine]):.3g}" for key in ("ms", "ffts"))
         most = max(row["ffts_p99"] for row in mine)
         memory, model = (f"{mine[0][key] / 2**20:.1f}" for key in ("memory_bytes", "model_bytes"))

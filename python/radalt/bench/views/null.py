@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from ...evaluation.results.proportion import clopper_pearson
+from ...evaluation.results.rows import grouped
 from ...evaluation.results.table import table
 from ..rows import Row
 
@@ -13,8 +14,7 @@ def false_altitudes(rows: Sequence[Row], bounds: Mapping[str, float]) -> str:
     ``bounds`` are the false altitudes per frame of white noise that an entry's altimeter has by design, at most.
     """
     lines = []
-    for name in dict.fromkeys(row["entry"] for row in rows):
-        mine = [row for row in rows if row["entry"] == name]
+    for name, mine in grouped(rows, "entry").items():
         false, trials = (sum(row[key] for row in mine) for key in ("detections", "trials"))
         low, high = clopper_pearson(false, trials)
         most = max(mine, key=lambda row: row["detections"] / row["trials"])

@@ -11,14 +11,12 @@ from .outcome import PASSED, Outcome
 from .qpsk.cma_equaliser import CmaEqualiser
 from .qpsk.pulse_estimation import estimate_pulse
 from .qpsk.settings import DEFAULTS, QpskSettings
-from .qpsk.symbol_timing import find_symbol_timings
+from .qpsk.symbol_timing import find_symbol_timing
 from .qpsk.tracking import Tracker, can_track
-from .qpsk.zero_order_hold import cancel_zero_order_hold
 
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
-# FFTs of 7,500 points that steps cost, as measured. A search has at most one detection in the frame and three trials of
-# symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds
-_TRACKING, _TONES, _DETECTION, _HOLD, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 25.0, 32.0, 50.0
+# FFTs of 7,500 points that steps cost, as measured
+_TRACKING, _TONES, _DETECTION, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 32.0, 50.0
 
 
 @dataclass(frozen=True)
@@ -36,11 +34,10 @@ class QpskCancel(Mitigation):
     Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol timing. A
     constant-modulus equaliser needs neither carrier nor pulse. Its outputs are decided. The pulse is fitted to the
     frame by least squares, with channel, filters and their drift over the frame, and the signal is subtracted. Tones
-    on top are removed before. QPSK that is switched on the sample grid, which no filter leaves, is decided sample by
-    sample. An emitter that fills the frame is tracked: timing, carrier, equaliser and pulse are known in the next
-    frame and only corrected. Frames without QPSK pass bit for bit. So do frames in which the return is too strong for
-    safe decisions (an SIR above some -10 dB), which the altimeter reads without help. What is not QPSK stays: the
-    transmitter's error vectors, other interference.
+    on top are removed before. An emitter that fills the frame is tracked: timing, carrier, equaliser and pulse are
+    known in the next frame and only corrected. Frames without QPSK pass bit for bit. So do frames in which the return
+    is too strong for safe decisions (an SIR above some -10 dB), which the altimeter reads without help. What is not
+    QPSK stays: the transmitter's error vectors, other interference, symbols that change on the sample grid.
 
     What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.47 per sample, and are four points
     of one modulus (QPSK, rotated by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up
@@ -134,29 +131,24 @@ class QpskCancel(Mitigation):
         if not 0 < scale < np.inf:
             return None
         frame = frame * (1 / scale)  # a complex division costs four times that
-        held = cancel_zero_order_hold(frame, self._s)
-        if held is not None:
-            self._ffts += _HOLD
-            model, on, self._evm_squared = held
-            out = self._subtracted(frame - model, model, slice(0, frame.size), on)
-            return None if out is None else out * scale
-        for timing in find_symbol_timings(frame, self._s):
-            self._ffts += _DEMODULATION
-            symbols = CmaEqualiser(frame, timing, self._s).symbols()
-            if symbols is None:
-                continue
-            self._ffts += _PULSE
-            model, train, pulses = estimate_pulse(frame, symbols, self._s)
-            residual = frame - model
-            on = np.interp(np.arange(frame.size), symbols.times, symbols.decisions != 0) > 0.5
-            out = self._subtracted(residual, model, train.known, on)
-            if out is None:
-                continue
-            self._evm_squared = symbols.evm_squared
-            if can_track(symbols, pulses, self._s):
-                self._track = _Track(Tracker(timing, symbols, pulses, train, residual, self._s), scale, tones)
-            return out * scale
-        return None
+        timing = find_symbol_timing(frame, self._s)
+        if timing is None:
+            return None
+        self._ffts += _DEMODULATION
+        symbols = CmaEqualiser(frame, timing, self._s).symbols()
+        if symbols is None:
+            return None
+        self._ffts += _PULSE
+        model, train, pulses = estimate_pulse(frame, symbols, self._s)
+        residual = frame - model
+        on = np.interp(np.arange(frame.size), symbols.times, symbols.decisions != 0) > 0.5
+        out = self._subtracted(residual, model, train.known, on)
+        if out is None:
+            return None
+        self._evm_squared = symbols.evm_squared
+        if can_track(symbols, pulses, self._s):
+            self._track = _Track(Tracker(timing, symbols, pulses, train, residual, self._s), scale, tones)
+        return out * scale
 
     def _subtracted(
         self, residual: np.ndarray, model: np.ndarray, known: slice, on: np.ndarray | None = None

@@ -5,8 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from .gate import Gate
+from .rivals import OWN_CELLS, stands_apart
 from .scan import Scan
-from .summed_block import OWN_CELLS, Measurement
+from .summed_block import Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
@@ -103,4 +104,4 @@ class Deleter:
         if abs(apart_m) <= OWN_CELLS * cell_m and not self.gate.near_speed(track, found):
             return True
         blocks = (scan.block,) if scan.sum_received is None else (scan.block, scan.received)
-        return any(b.stands_beside(found, apart_m / t.cell_m, width_m / t.cell_m) for b in blocks)
+        return any(stands_apart(b, found, apart_m / t.cell_m, width_m / t.cell_m) for b in blocks)

@@ -6,6 +6,7 @@ import numpy as np
 
 from .deleter import Deleter
 from .gate import Gate
+from .rivals import is_side_lobe
 from .scan import Scan
 from .summed_block import Measurement
 from .track import Evidence, Kalman, Track
@@ -72,7 +73,7 @@ class Initiator:
         strong = found is not None and found.strength >= self.threshold
         strong = strong and self.gate.allowed_speed(found) and not self._is_tracked(found, self.candidates)
         strong = strong and scan.corrected(found).altitude_m >= self.lowest_start_m
-        if strong and not block.is_side_lobe(found, mixed=True):
+        if strong and not is_side_lobe(block, found, mixed=True):
             self.candidates.append(self.start(scan, scan.corrected(found)))
 
     def confirmed(self) -> Track | None:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from .gate import GATE_SIGMAS, SPARE_SIGMAS, Gate, noise_threshold
+from .rivals import lobe_from_beyond, second_return
 from .scan import Scan
 from .summed_block import Block, Entry, Measurement
 from .track import Track
@@ -32,7 +33,6 @@ _EDGE_SHARE, _LEAST_EDGE_M = 0.01, 0.1
 # farther one, the peak errs by |w| d, and the moment is w (1 - w) d^2. So the error is at most the moment's root times
 # that of the ratio of amplitudes, 2 (6 dB).
 _MOMENT_FACTOR = 1.42
-_SPARE_EXTENT = 2.0  # factor on that extent, beyond which the asymmetry of a peak is another return
 # Powers below a track's, dB, down to which a farther and a nearer return leave it undecided: the ground is the nearest.
 _RIVAL_DB, _NEARER_RIVAL_DB = 6.0, 10.0
 # Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
@@ -74,10 +74,9 @@ class Integrity:
 
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
     60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point
-    pays 0.1 to 0.5 m. Where interference hides the return the part keeps its value. It is less where frames deviate
-    from each other (`Block.shape_deviation`). Of two returns whose phases stay as they are, amplitude and phase along
-    the sweep give the second moment of their delays (`BeatSpectra.moments`), and 1.42 times its root bounds the
-    error.
+    pays 0.1 to 0.5 m. Where interference hides the return the part keeps its value. Of two returns whose phases stay
+    as they are, amplitude and phase along the sweep give the second moment of their delays (`BeatSpectra.moments`),
+    and 1.42 times its root bounds the error.
 
     It does not bound errors by returns that cannot be distinguished from the ground. These are a false return on the
     ground's own cells, or one that hides the ground from the start. Another is a radar of the same sweep that drifts
@@ -135,7 +134,7 @@ class Integrity:
         outdone = rival is not None and _exceeds(rival, found, 0.0)
         outdone |= any_speed is not None and _exceeds(any_speed, found, _ANY_SPEED_SIGMAS)
         outdone |= scan.beyond >= self._shares[0]  # farther up
-        if outdone or block.lobe_from_beyond(found) or block.contradicted(found):
+        if outdone or lobe_from_beyond(block, found) or block.contradicted(found):
             return True
         here_m = found.altitude_m + scan.residual_m
         near_m = max(_LOBE_CELLS * t.waveform.range_resolution_m, _LOBE_SHARE * found.altitude_m)
@@ -147,10 +146,7 @@ class Integrity:
 
     def _second(self, block: Block, found: Measurement, near_m: float) -> bool:
         """Whether another return stands within ``near_m`` of one, and not its own extent."""
-        t = self.tables
-        extent_m = _SPARE_EXTENT * _EXTENT_SHARE * max(0.0, found.altitude_m)
-        asymmetry = (extent_m / (_EXTENT_CELLS * t.waveform.range_resolution_m)) ** 2
-        return block.second_return(found, round(near_m / t.cell_m), *self._shares, asymmetry)
+        return second_return(block, found, round(near_m / self.tables.cell_m), *self._shares)
 
     def _received_rival(self, before: Block, found: Measurement, here_m: float, near_m: float) -> bool:
         """Whether the received frames show a rival, near by or far, that a method may have taken away."""

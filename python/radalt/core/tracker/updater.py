@@ -3,6 +3,7 @@
 import numpy as np
 
 from .gate import Gate
+from .rivals import is_side_lobe
 from .scan import Scan
 from .summed_block import Block, Measurement
 from .track import Track
@@ -66,7 +67,7 @@ class Updater:
         if cleaned:  # evidence is about what gives the altitude
             track.evidence.add(*block.differences(found, self.reach))
             self._compare_shape(track, scan, found)
-        track.seen = found.strength >= self.gate.threshold(mask) and not block.is_side_lobe(found)
+        track.seen = found.strength >= self.gate.threshold(mask) and not is_side_lobe(block, found)
         if not (track.seen and self._inside(track, found, scan)):
             return None
         before = track.latest, track.measured_at

@@ -282,25 +282,25 @@ _NO_ROW = frozenset(("out", "resume", "by", "publish", "jobs", "scheduler", "tim
 def command_of(args: argparse.Namespace, parser: Parser) -> str:
     """Command that reproduces the rows: options that differ from their defaults, files by name only."""
     words = [typed(parser.program)]
-    positional = {action.dest for action in parser._actions if not action.option_strings}
-    for name, value in vars(args).items():
-        if name in _NO_ROW or value == parser.get_default(name):
+    for action in parser._actions:
+        default = parser.get_default(action.dest)
+        value = vars(args).get(action.dest, default)  # none of --help
+        if action.dest in _NO_ROW or value == default:
             continue
-        if name in positional:
-            words.append(shlex.quote(_word(value)))
-            continue
-        option = f"--{name.replace('_', '-')}"
+        option, values = (*action.option_strings, "")[0], value if isinstance(value, list) else [value]
+        quoted = [shlex.quote(_word(one)) for one in values]
         if value is True:
             words.append(option)
-        elif isinstance(value, list):
-            words += [option, *(shlex.quote(_word(v)) for v in value)]
+        elif not option or action.nargs:
+            words += [option, *quoted] if option else quoted
         else:
-            parts = value if isinstance(value, tuple) else (value,)
-            words.append(f"{option}={shlex.quote(','.join(map(_word, parts)))}")
+            words += [f"{option}={one}" for one in quoted]
     return " ".join(words)
 
 
 def _word(value: object) -> str:
+    if isinstance(value, tuple):
+        return ",".join(map(_word, value))
     return value.name if isinstance(value, Path) else str(value)
 
 

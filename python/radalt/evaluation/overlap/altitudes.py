@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...core.scene import Scene
-from ..results.rows import Columns
+from ..results.rows import WHOLE, Columns, grouped
 from ..results.score import SCORE_COLUMNS, pool, score_frames, trials_of
 from .points import OverlapPoint
 from .rows import POINT, place_of
@@ -28,8 +28,7 @@ ALTITUDE_COLUMNS = Columns(
         *_WITHIN,
         "fourth_forced_m4",
     ),
-    text=frozenset({"method", "interference"}),
-    whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far", *_WITHIN}),
+    whole=WHOLE | {*_WITHIN},
 )
 
 
@@ -72,12 +71,9 @@ def pool_altitudes(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     )
 
 
-def groups(rows: Iterable[dict[str, Any]], *names: str) -> dict[tuple[Any, ...], dict[str, Any]]:
-    """Pooled rows, one per combination of values of the named columns."""
-    found: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in rows:
-        found.setdefault(tuple(row[name] for name in names), []).append(row)
-    return {key: pool_altitudes(same) for key, same in found.items()}
+def groups(rows: Iterable[dict[str, Any]], *names: str) -> dict[Any, dict[str, Any]]:
+    """Pooled rows, by values of the named columns as `grouped`."""
+    return {key: pool_altitudes(same) for key, same in grouped(rows, *names).items()}
 
 
 def rmse_interval(row: dict[str, Any]) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from ..results.rows import grouped
 from ..results.table import DASH
 
 Row = dict[str, Any]
@@ -13,19 +14,15 @@ def panels(rows: Sequence[Row], against: str = "overlap") -> list[tuple[str, lis
 
     ``against`` is ``"overlap"`` or ``"sir_db"``; for the latter rows without interference are left out.
     """
-    other = "sir_db" if against == "overlap" else "overlap"
-    names = ("interference", other, "snr_db")
-    found: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        if against == "overlap" or (row["overlap"] > 0 and row["sir_db"] is not None):
-            found.setdefault(tuple(row[name] for name in names), []).append(row)
+    drawn = (r for r in rows if against == "overlap" or (r["overlap"] > 0 and r["sir_db"] is not None))
+    found = grouped(drawn, "interference", "sir_db" if against == "overlap" else "overlap", "snr_db")
     many = [len({key[k] for key in found}) > 1 for k in range(3)]
     out = []
     for (interference, middle, snr), mine in found.items():
         name = "no interference" if interference == "none" else interference.replace("_", " ")
         parts = [name] if many[0] or middle is None else []
         if middle is not None:
-            parts += [f"SIR {_minus(middle)} dB" if other == "sir_db" else f"overlap {middle:g}"]
+            parts += [f"SIR {_minus(middle)} dB" if against == "overlap" else f"overlap {middle:g}"]
         parts += [f"SNR {_minus(snr)} dB" if snr is not None else "no noise"] if many[2] else []
         out.append((", ".join(parts), mine))
     return out
@@ -37,10 +34,7 @@ def _minus(value: float) -> str:
 
 def series_of(rows: Iterable[Row]) -> dict[str, list[Row]]:
     """Rows by series: a key ``series`` overrides ``method``."""
-    out: dict[str, list[Row]] = {}
-    for row in rows:
-        out.setdefault(row.get("series", row["method"]), []).append(row)
-    return out
+    return grouped(({"series": row["method"]} | row for row in rows), "series")
 
 
 def swept_axes(rows: Sequence[Row]) -> list[tuple[str, str]]:

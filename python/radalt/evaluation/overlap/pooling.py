@@ -4,9 +4,10 @@ Counts are added and Wilson intervals recomputed. Only runs with equal settings 
 (equal scene and seed, so equal random numbers) counts once.
 """
 
+import itertools
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ...core.parsing import shown
 from ..results.figure import own_style
 from ..results.folder import SCHEMA, RunFolder, flatten, versions
 from ..results.page import render, write_page
-from ..results.score import pool
+from ..results.score import BITS, pool
 from ..results.table import table
 from .figures import draw_cost, draw_pd
 from .markdown import against, by_pd, glance, pd_tables, verdict
@@ -25,7 +26,7 @@ from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
 
 _REPRODUCED = [c for c in COLUMNS.names if c not in COLUMNS.timing]  # columns that a repetition has again
-_SINGLE = ("seed", "right", "real_time_factor")  # columns of a single run
+_SINGLE = ("seed", *BITS, "real_time_factor")  # columns of a single run
 POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in COLUMNS.names if c not in _SINGLE)))
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
 _NOT_EMITTER = ("sir_db", "overlap")  # keys of an interferer that are axes of the report
@@ -37,13 +38,13 @@ def pool_runs(runs: Sequence[Run]) -> tuple[list[Row], list[str], list[Row]]:
 
     Raises PoolError if two runs are not comparable; names both, the key and both values.
     """
-    for k, run in enumerate(runs):
-        for other in runs[:k]:
-            for key, left, right in _differences(other, run):
-                raise PoolError(
-                    f"cannot pool {other.folder} and {run.folder}: {key} is {_brief(left)} in the one, "
-                    f"{_brief(right)} in the other"
-                )
+    for other, run in itertools.combinations(runs, 2):
+        mine, theirs = (flatten(_settings(*of)) for of in ((other, run), (run, other)))
+        for key in (k for k in {**mine, **theirs} if mine.get(k) != theirs.get(k)):
+            raise PoolError(
+                f"cannot pool {other.folder} and {run.folder}: {key} is {_brief(mine.get(key))} in the one, "
+                f"{_brief(theirs.get(key))} in the other"
+            )
     kept: dict[tuple[Any, ...], list[tuple[Run, Row]]] = {}
     repeated: dict[tuple[str, str], int] = {}
     for run in runs:
@@ -81,49 +82,29 @@ def _brief(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def _differences(a: Run, b: Run) -> Iterator[tuple[str, Any, Any]]:
-    """(key, value in a, value in b) of all forbidden differences."""
-    left, right = a.report["scene"], b.report["scene"]
-    simulated = a.report["source"] == b.report["source"] == "simulated"
-    for part in (*SCENE_PARTS, *(("channel",) if simulated else ())):
-        yield from _unequal(part, left[part], right[part], ignore=("channel.snr_db",))
-    for key in ALTITUDE_KEYS:
-        yield from _unequal(f"altitude.{key}", left["altitude"][key], right["altitude"][key])
-    if simulated:
-        yield from _unequal("snr_db", _snrs(a), _snrs(b))
-    if {row["interference"] for row in a.report["rows"]} & {row["interference"] for row in b.report["rows"]}:
-        yield from _unequal("interference", _emitters(left), _emitters(right))
-        if a.report.get("recordings") and b.report.get("recordings"):  # reports of 0.3.0 have none
-            yield from _unequal("recordings", a.report["recordings"], b.report["recordings"])
-    for method in a.report["methods"].keys() & b.report["methods"].keys():
-        known = [{k: v for k, v in r.report["methods"][method].items() if k != "providers"} for r in (a, b)]
-        yield from _unequal(f"methods.{method}", *known)
-        # a model is identified by its hash, not by its path
-        options = [
-            {k: v for k, v in (scene["method_options"].get(method) or {}).items() if k != "model"}
-            for scene in (left, right)
-        ]
-        yield from _unequal(f"method_options.{method}", *options)
+def _settings(run: Run, other: Run) -> dict[str, Any]:
+    """What a run has to have in common with another one, nested as in its scene."""
+    report, scene = run.report, run.report["scene"]
+    out = {part: scene[part] for part in SCENE_PARTS}
+    out["altitude"] = {key: scene["altitude"][key] for key in ALTITUDE_KEYS}
+    if report["source"] == other.report["source"] == "simulated":
+        out["channel"] = _without(scene["channel"], "snr_db")
+        out["snr_db"] = sorted({row["snr_db"] for row in report["rows"]}, key=lambda v: (v is None, v))
+    mine, theirs = ({row["interference"] for row in of.report["rows"]} for of in (run, other))
+    if mine & theirs:
+        emitters = (item for entry in scene["interference"] for item in entry.items())
+        out["interference"] = [{k: _without(v, *_NOT_EMITTER)} for k, v in emitters]
+        if report.get("recordings") and other.report.get("recordings"):  # reports of 0.3.0 have none
+            out["recordings"] = report["recordings"]
+    both = [method for method in report["methods"] if method in other.report["methods"]]
+    out["methods"] = {m: _without(report["methods"][m], "providers") for m in both}
+    # a model is identified by its hash, not by its path
+    out["method_options"] = {m: _without(scene["method_options"].get(m) or {}, "model") for m in both}
+    return out
 
 
-def _unequal(prefix: str, a: Any, b: Any, ignore: Sequence[str] = ()) -> Iterator[tuple[str, Any, Any]]:
-    left, right = flatten(a, prefix), flatten(b, prefix)
-    for key in dict.fromkeys([*left, *right]):
-        if left.get(key) != right.get(key) and key not in ignore:
-            yield key, left.get(key), right.get(key)
-
-
-def _snrs(run: Run) -> list[float | None]:
-    return sorted({row["snr_db"] for row in run.report["rows"]}, key=lambda v: (v is None, v))
-
-
-def _emitters(scene: dict[str, Any]) -> list[dict[str, Any]]:
-    """The interferers without the swept keys."""
-    return [
-        {kind: {k: v for k, v in values.items() if k not in _NOT_EMITTER}}
-        for entry in scene["interference"]
-        for kind, values in entry.items()
-    ]
+def _without(values: dict[str, Any], *keys: str) -> dict[str, Any]:
+    return {k: v for k, v in values.items() if k not in keys}
 
 
 def _same_draw(a: Run, old: Row, b: Run, new: Row) -> bool:

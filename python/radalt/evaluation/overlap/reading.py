@@ -9,7 +9,7 @@ from ...core.parsing import LARGEST, shown
 from ...core.text import showable
 from ..results.folder import SCHEMA, read_report
 from ..results.rows import unbits
-from ..results.score import pool
+from ..results.score import BITS, pool
 from .rows import COLUMNS
 
 # keys of a scene that must be equal in all pooled runs
@@ -120,7 +120,7 @@ def _problem(row: Any) -> str:
     """First invalid value of a row; empty without any."""
     if not isinstance(row, dict):
         return "it is no mapping"
-    row |= {"pd_3pct": row.get("pd_3pct"), "right": row.get("right", "")}  # reports of 0.3.0 do not have them
+    row |= {"pd_3pct": row.get("pd_3pct")} | {name: row.get(name, "") for name in BITS}  # of earlier releases
     for name in COLUMNS.names:
         if name not in row:
             return f"it has no {name}"
@@ -129,9 +129,10 @@ def _problem(row: Any) -> str:
     correct, detections, trials = counts = [row[c] for c in ("correct", "detections", "trials")]
     if not 0 <= correct <= detections <= trials:
         return f"correct, detections, trials are {counts}"
-    right = row["right"]
-    if right and (len(right) != 2 * -(-trials // 8) or unbits(right, trials).sum() != correct):
-        return f"right does not have a bit per trial and {correct} of {trials} set"
+    for name, count in zip(BITS, (correct, detections), strict=True):
+        of = row[name]
+        if of and (len(of) != 2 * -(-trials // 8) or unbits(of, trials).sum() != count):
+            return f"{name} does not have a bit per trial and {count} of {trials} set"
     if trials and (row["pd"] is None or abs(row["pd"] - correct / trials) > 1e-6):
         return f"pd is {row['pd']} with {correct} correct of {trials}"
     try:
@@ -145,7 +146,7 @@ def _fits(name: str, value: Any) -> bool:
     """Whether a value is valid in its column."""
     if value is None or isinstance(value, bool):
         return value is None and name in _OPEN
-    if name == "right":
+    if name in BITS:
         return isinstance(value, str) and re.fullmatch("[0-9a-f]*", value) is not None
     if name in COLUMNS.text:
         return showable(value)

@@ -15,6 +15,7 @@ from ..flowgraph import FlowgraphError
 from ..results.break_point import break_point_of, protection_gain
 from ..results.folder import RunFolder
 from ..results.page import write_page
+from ..results.rows import grouped
 from .altitudes import with_intervals
 from .figures import draw_cost, draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
 from .markdown import report_markdown
@@ -145,18 +146,15 @@ def break_points(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """
     if len({r["sir_db"] for r in rows} - {None}) < 3:
         return []
-    groups: dict[tuple, list[dict[str, Any]]] = {}
-    for row in rows:
-        if row["overlap"] > 0:
-            key = (row["interference"], row["overlap"], row["snr_db"], row["method"])
-            groups.setdefault(key, []).append(row)
-    found = {key: break_point_of(mine) for key, mine in groups.items()}
+    names = ("interference", "overlap", "snr_db", "method")
+    curves = grouped((row for row in rows if row["overlap"] > 0), *names)
+    found = {key: break_point_of(mine) for key, mine in curves.items()}
     out = []
     for key, broken in found.items():
         none = found.get((*key[:3], "none"))
         gain = None if none is None or key[3] == "none" else protection_gain(none, broken)
         out.append(
-            dict(zip(("interference", "overlap", "snr_db", "method"), key, strict=True))
+            dict(zip(names, key, strict=True))
             | vars(broken)
             | {
                 "text": str(broken),

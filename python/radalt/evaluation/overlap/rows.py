@@ -1,13 +1,14 @@
 """Rows of the main study: one per method and point."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ...core.programme import Programme
-from ..results.integrity import COUNTS, Integrity, alert_limit_m, integrity
+from ..results.integrity import Integrity, alert_limit_m, integrity
 from ..results.rows import Columns
-from ..results.score import Score
+from ..results.score import BITS
 from .points import OverlapPoint
 
 POINT = ("method", "interference", "overlap", "sir_db", "snr_db")  # columns that name a method and a point
@@ -20,20 +21,13 @@ COLUMNS = Columns(
         *("trials", "detections", "correct", "pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m"),
         *("bias_m", "forced", "frames_lost", *COUNTERS, "seed"),
         *("ms_per_frame_median", "ms_per_frame_p99", "real_time_factor", "wrong_far", "wrong_bound"),
-        *("peak_to_sidelobe_db", "pd_3pct", "right"),
+        *("peak_to_sidelobe_db", "pd_3pct", *BITS),
     ),
-    text=frozenset({"source", "method", "interference", "right"}),
-    whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
-    | {*COUNTERS, "seed", "runs"},
     timing=frozenset({"ms_per_frame_median", "ms_per_frame_p99", "real_time_factor"}),
 )
 
 
-TRACKED_COLUMNS = Columns(
-    names=(*POINT, *Integrity().row(), "seed"),
-    text=frozenset({"method", "interference"}),
-    whole=frozenset({*COUNTS, "seed"}),
-)
+TRACKED_COLUMNS = Columns((*POINT, *Integrity().row(), "seed"))
 
 
 def place_of(method: str, interference: str, point: OverlapPoint) -> dict[str, Any]:
@@ -46,32 +40,21 @@ def make_row(
     interference: str,
     point: OverlapPoint,
     seed: int,
-    result: Score,
+    found: Mapping[str, Any],
     *,
     diverged_frames: int,
-    segmenter: dict[str, Any],
+    segmenter: Mapping[str, Any],
     ms_per_frame: np.ndarray,
     real_time_factor: float,
-    right: str = "",
 ) -> dict[str, Any]:
-    """One row; ``segmenter`` holds the counters of the signal path, common to all methods of a point.
-
-    ``right``: a bit per trial, whether its altitude is correct (`results.rows.bits`).
-    """
+    """One row; ``found`` holds `frame_columns`, ``segmenter`` counters of the signal path, common to all methods."""
     times = np.asarray(ms_per_frame, dtype=float)
+    place = place_of(method, interference, point)
+    counters = {name: segmenter.get(name, 0) for name in COUNTERS} | {"diverged_frames": diverged_frames}
+    cost = {"ms_per_frame_median": np.median, "ms_per_frame_p99": lambda of: np.percentile(of, 99)}
+    cost = {name: float(of(times)) if times.size else 0.0 for name, of in cost.items()}
     return COLUMNS.row(
-        {
-            **place_of(method, interference, point),
-            **result.row(),
-            "diverged_frames": diverged_frames,
-            "discontinuities": segmenter.get("discontinuities", 0),
-            "lock_losses": segmenter.get("lock_losses", 0),
-            "seed": seed,
-            "ms_per_frame_median": float(np.median(times)) if times.size else 0.0,
-            "ms_per_frame_p99": float(np.percentile(times, 99)) if times.size else 0.0,
-            "real_time_factor": real_time_factor,
-            "right": right,
-        }
+        {**place, **found, **counters, "seed": seed, **cost, "real_time_factor": real_time_factor}
     )
 
 

@@ -19,8 +19,8 @@ from ...core.timing.leakage_file import UNCALIBRATED, leakage_canceller, leakage
 from ..engine.own import option_files, with_option_files
 from ..engine.study import Point, Run, Study
 from ..results.folder import RunFolder
-from ..results.rows import Columns, bits
-from ..results.score import correct_trials, score
+from ..results.rows import Columns
+from ..results.score import frame_columns, trials_of
 from ..simulation import run_chain
 from .altitudes import ALTITUDE_COLUMNS, altitude_rows
 from .points import OverlapPoint, scene_at, sweep_points
@@ -121,22 +121,19 @@ def method_files(scene: Scene) -> dict[str, Path]:
 
 def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, Any]]:
     """Rows of a run (`simulation.PointResult`), one per method."""
-    programme = scene.altitude.programme
-    return [
-        make_row(
-            method,
-            scene.interference_name,
-            point,
-            scene.seed,
-            score(frames, programme),
+    programme, rows = scene.altitude.programme, []
+    for method, frames in result.results.items():
+        trials, truth_m = trials_of(frames, programme)
+        found = frame_columns(trials, truth_m, lost=programme.trial_frames - len(trials))
+        row = make_row(
+            *(method, scene.interference_name, point, scene.seed, found),
             diverged_frames=int(result.status[method].get("diverged_frames", 0)),
             segmenter=result.segmenter,
             ms_per_frame=result.ms_per_frame[method],
             real_time_factor=result.real_time_factor,
-            right=bits(correct_trials(frames, programme)),
         )
-        for method, frames in result.results.items()
-    ]
+        rows.append(row)
+    return rows
 
 
 def describe_rows(rows: Sequence[dict[str, Any]]) -> str:

@@ -5,12 +5,27 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...core.parsing import InputError
+
+# Columns of words and of whole numbers, in every table: a name is the same quantity in all (docs/columns.md).
+TEXT = frozenset(
+    "assumption built case cause chain check declared digest entry events failed first ground group interference "
+    "interferer kind list mechanisms method modules precision profile reasons replay right scene source stanford unit "
+    "verdict".split()
+)
+WHOLE = frozenset(
+    "FAIL WRONG batch computed correct detections discontinuities diverged diverged_frames failures finite "
+    "flagged followed forced frame_index frames frames_lost hazardous hazardous_events interruptions known_limit "
+    "levels lock_losses memory_bytes misleading misleading_events model_bytes near outputs parts pass reason "
+    "recovered refused rows runs seed silenced trials turn unalerted unbounded valid wrong wrong_20m wrong_5m "
+    "wrong_accuracy wrong_far wrong_frames".split()
+)
 
 
 def bits(which: np.ndarray) -> str:
@@ -23,14 +38,21 @@ def unbits(text: str, count: int) -> np.ndarray:
     return np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8), count=count).astype(bool)
 
 
+def grouped(rows: Iterable[Any], *names: str) -> dict[Any, list[Any]]:
+    """Rows by the value of a column, or by the values of several, in the order of the first of each."""
+    found: dict[Any, list[Any]] = {}
+    for row in rows:
+        found.setdefault(itemgetter(*names)(row), []).append(row)
+    return found
+
+
 @dataclass(frozen=True)
 class Columns:
     """Columns of one table in order; columns that are neither text nor whole numbers are floats of nine digits."""
 
     names: tuple[str, ...]
-    # columns that hold words, and those that hold whole numbers
-    text: frozenset[str] = frozenset()
-    whole: frozenset[str] = frozenset()
+    text: frozenset[str] = TEXT
+    whole: frozenset[str] = WHOLE
     # columns that differ from run to run; all others are a function of study, point and seed
     timing: frozenset[str] = frozenset()
 

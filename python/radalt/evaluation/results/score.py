@@ -19,6 +19,7 @@ import numpy as np
 
 from ...core.programme import Programme
 from .proportion import clopper_pearson_bound, wilson_interval
+from .rows import bits
 
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
 # the same as a share of the altitude, where that is more: docs/tracker.md, "Which altitude"
@@ -127,6 +128,16 @@ def _ratio(total: float, count: int) -> float:
 
 
 SCORE_COLUMNS = tuple(Score().row())[:-1]  # stored rows of the bench have no `pd_3pct`
+BITS = ("right", "declared")  # a bit per trial: whether its altitude is correct, whether one is declared
+
+
+def frame_columns(
+    trials: np.ndarray, truth_m: np.ndarray, *, lost: int = 0, limit_m: float = CORRECT_LIMIT_M
+) -> dict[str, Any]:
+    """The columns of a row of frames, in the bench and in the main study: `Score.row` and `BITS`; as `score_frames`."""
+    right = trials["valid"] & (np.abs(trials["altitude_m"] - truth_m) < limit_m)
+    found = score_frames(trials, truth_m, lost=lost, limit_m=limit_m).row()
+    return found | dict(zip(BITS, map(bits, (right, trials["valid"])), strict=True))
 
 
 def score_frames(
@@ -177,12 +188,6 @@ def trials_of(
     trials = np.flatnonzero(programme.is_trial(results["frame_index"]))
     _, first = np.unique(results["frame_index"][trials], return_index=True)
     return results[trials[first]], truth_m[trials[first]]
-
-
-def correct_trials(results: np.ndarray, programme: Programme) -> np.ndarray:
-    """(trials,) bool: correct altitudes of the trials in order; parameters as in `score`."""
-    counted, true = trials_of(results, programme)
-    return counted["valid"] & (np.abs(counted["altitude_m"] - true) < CORRECT_LIMIT_M)
 
 
 def pool(rows: Sequence[dict[str, Any]]) -> Score:

@@ -10,15 +10,13 @@ _STATED = ("case", "kind", "batch", "method", "scene", "overlap", "sir_db", "snr
 FRAMES = ("trials", "detections", "correct", "near")
 HOURS = ("altitude_m", "largest_m", "misleading_events", "hazardous_events")
 _EVENT = ("frame_index", "altitude_m", "truth_m", "protection_level_m", "alert_limit_m")
-_WORDS = frozenset({"case", "kind", "method", "scene", "events", "stanford", "replay", "cause"})
-_WHOLE = frozenset("batch seed frame_index unalerted parts misleading_events hazardous_events".split())
-_WHOLE |= {*COUNTS, *FRAMES}
-EVENTS = Columns(("case", "seed", "batch", "method", *_EVENT, "cause", "replay"), _WORDS, _WHOLE)
+EVENTS = Columns(("case", "seed", "batch", "method", *_EVENT, "cause", "replay"))
 _TIMES = ("first_s", "alert_s", "unalerted")
 _POOLED = (*_STATED[:2], *_STATED[3:], "parts", "after_start", *Integrity().row(), *_TIMES, *HOURS, *FRAMES)
 _POOLED += ("pd", "pd_3pct", "wrong", "wrong_bound")
-POOLED = Columns(tuple(dict.fromkeys(_POOLED)), _WORDS, _WHOLE | {"wrong"})
-_BY_KIND = ("kind", "known_limit", "method", *POOLED.names[len(_STATED) - 1 :])
-BY_KIND = Columns(_BY_KIND, _WORDS, POOLED.whole | {"known_limit"})
-_ROWS = (*_STATED, *COUNTS, *_TIMES, *HOURS, *FRAMES, "events", "stanford", "ms_per_frame")
-ROWS = Columns(_ROWS, _WORDS, _WHOLE, frozenset({"ms_per_frame"}))
+POOLED = Columns(tuple(dict.fromkeys(_POOLED)))
+BY_KIND = Columns(("kind", "known_limit", "method", *POOLED.names[len(_STATED) - 1 :]))
+ROWS = Columns(
+    (*_STATED, *COUNTS, *_TIMES, *HOURS, *FRAMES, "events", "stanford", "ms_per_frame"),
+    timing=frozenset({"ms_per_frame"}),
+)

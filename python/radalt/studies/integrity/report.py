@@ -11,6 +11,7 @@ from ...evaluation.engine.study import Run
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.page import write_result
+from ...evaluation.results.rows import grouped
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
 from .cases import ATTITUDES, BLOCK, KINDS, LONG, STRATA, WAVEFORM, case_of, stratum_of
@@ -177,8 +178,7 @@ def _hours_table(rows: Sequence[Row]) -> str:
         flown = h["flights"], number(h["hours"], 2), number(h["available"], 3)
         lines.append([name, method, share, *flown, *counts, *shown])
 
-    for method in dict.fromkeys(r["method"] for r in inside):
-        mine = [r for r in inside if r["method"] == method]
+    for method, mine in grouped(inside, "method").items():
         strata = {name: [r for r in mine if stratum_of(case_of(r["case"])) == name] for name in STRATA}
         strata = {name: found for name, found in strata.items() if found}
         for name, found in strata.items():
@@ -265,10 +265,9 @@ def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def _kind_table(found: Sequence[Row]) -> str:
     """A line per kind, its methods side by side; empty without rows."""
-    methods = list(dict.fromkeys(r["method"] for r in found))
-    lines = []
-    for kind in dict.fromkeys(r["kind"] for r in found):
-        at = {r["method"]: r for r in found if r["kind"] == kind}
+    methods, lines = dict.fromkeys(r["method"] for r in found), []
+    for kind, of in grouped(found, "kind").items():
+        at = {r["method"]: r for r in of}
         mine = [at[m] for m in methods]
         lines.append(
             [
@@ -289,11 +288,8 @@ def _kind_table(found: Sequence[Row]) -> str:
 def _event_table(events: Sequence[Row]) -> str:
     """A line per flight: outputs of each method, frames, the worst error, the words that replay it."""
     events = sorted(events, key=lambda e: bool(e["cause"]))  # those at no stated limit first
-    flights: dict[tuple[str, ...], list[Row]] = {}
-    for event in events:
-        flights.setdefault((event["replay"], event["cause"]), []).append(event)
     lines = []
-    for (replay, cause), mine in list(flights.items())[:_LISTED]:
+    for (replay, cause), mine in list(grouped(events, "replay", "cause").items())[:_LISTED]:
         errors = [abs(e["altitude_m"] - e["truth_m"]) for e in mine if e["truth_m"] is not None]
         frames = [e["frame_index"] for e in mine]
         methods = dict.fromkeys(e["method"] for e in mine)
@@ -312,7 +308,6 @@ def _event_table(events: Sequence[Row]) -> str:
 
 def _times(rows: Sequence[Row]) -> str:
     """Median CPU time of 1000 frames of each method with its altimeter and tracker."""
-    rows = [r for r in rows if r["kind"] not in LONG]
-    methods = dict.fromkeys(r["method"] for r in rows)
-    medians = {m: np.median([r["ms_per_frame"] for r in rows if r["method"] == m]) for m in methods}
+    found = grouped((r for r in rows if r["kind"] not in LONG), "method")
+    medians = {m: np.median([r["ms_per_frame"] for r in mine]) for m, mine in found.items()}
     return ", ".join(f"{m} {v:.2f} s" for m, v in medians.items()) + f" ({BLOCK} frames at a time)"

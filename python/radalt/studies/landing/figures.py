@@ -102,7 +102,6 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
             image = 10.0 * np.log10(np.maximum(np.array(lines)[:, shown].T, 1e-9))
         style = {"vmin": -40, "vmax": 0, "cmap": "cividis", "shading": "nearest", "rasterized": True}
         picture = axis.pcolormesh(times, metres[shown], image, **style)
-        axis.plot(times, heights, color="white", lw=0.7, ls="--")
         axis.set_title(name, fontsize=10)
     figure.suptitle(_sent(config), fontsize=9)
     axes[0].set_ylabel("range / m")

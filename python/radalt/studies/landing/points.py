@@ -23,21 +23,13 @@ MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s", "peak_t
 _LEVELS = ("sinr_db", "sir_db", "snr_db")
 _ACCURACY = ("in_band", "speed_bias_m_per_s", "speed_rmse_m_per_s")
 _INTERVALS = tuple(f"rmse_{over}_{end}_m" for over in ("detected", "forced") for end in ("low", "high"))
-_COUNTS = ("trials", "detections", "correct", "forced", "frames_lost", "wrong_far", "diverged_frames")
-_WHOLE = frozenset({"valid", "reason", *_COUNTS})
-
-
-def _columns(*names: str) -> Columns:
-    return Columns(names, frozenset({"method", "assumption"}), _WHOLE)
-
-
 _STATISTICS = (*_LEVELS, *SCORE_COLUMNS, *_INTERVALS, *_ACCURACY, "diverged_frames")
 TABLES = {
-    "approach": _columns(
-        *("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s"),
-        *("valid", "reason", *MEASURED),
+    "approach": Columns(
+        ("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s")
+        + ("valid", "reason", *MEASURED)
     ),
-    "assumptions": _columns("assumption", "method", "overlap", *_STATISTICS),
+    "assumptions": Columns(("assumption", "method", "overlap", *_STATISTICS)),
 }
 """Tables of the result: frames of the approach; rows of the sensitivity table."""
 

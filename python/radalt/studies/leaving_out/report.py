@@ -11,6 +11,7 @@ from ...evaluation.flowgraph.plan import make_plan
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
+from ...evaluation.results.rows import grouped
 from ...evaluation.results.table import number, table
 from .scenes import scene_of
 from .study import LeavingOutStudy
@@ -19,8 +20,7 @@ from .study import LeavingOutStudy
 def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any]]:
     """An entry per scene: medians pruned and with all built, their ratios, and whether the results are identical."""
     out = []
-    for name in dict.fromkeys(r["scene"] for r in rows):
-        mine = [r for r in rows if r["scene"] == name]
+    for name, mine in grouped(rows, "scene").items():
         pruned, full = (
             {
                 key: float(np.median([r[key] for r in mine if r["built"] == built]))

@@ -11,7 +11,7 @@ from ...evaluation.engine.study import Run, Study
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
-from ...evaluation.results.rows import Columns
+from ...evaluation.results.rows import TEXT, WHOLE, Columns, grouped
 from ...evaluation.results.table import table
 
 _GROUPS = {
@@ -28,13 +28,9 @@ _COLOURS = {
     "WRONG": "#E69F00",
     "FAIL": "#D55E00",
 }
+_COUNTED = ("rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced")
 BY_GROUP = Columns(
-    names=(
-        *("group", "chain", "rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"),
-        *("worst_error_m", "worst_output"),
-    ),
-    text=frozenset({"group", "chain"}),
-    whole=frozenset({"rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"}),
+    ("group", "chain", *_COUNTED, "worst_error_m", "worst_output"), TEXT - {"declared"}, WHOLE | {"declared"}
 )
 
 
@@ -57,7 +53,8 @@ def write_report(
     rows = tables["rows"]
     _draw(rows, folder.path / "figures" / "stability.png")
     folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
-    lines = [[chain, mine[0]["precision"], *_verdicts(mine)] for chain, mine in _by_chain(rows).items()]
+    chains = grouped(rows, "chain")
+    lines = [[chain, mine[0]["precision"], *_verdicts(mine)] for chain, mine in chains.items()]
     values = {
         "counts": table(["chain", "precision", "rows", *_COLOURS], lines),
         "failed_checks": len(failures(tables | {"rows": []})),
@@ -74,17 +71,12 @@ def _verdicts(rows: Sequence[dict[str, Any]]) -> list[int]:
     return [len(rows), *(sum(r["verdict"] == v for r in rows) for v in _COLOURS)]
 
 
-def _by_chain(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    chains = dict.fromkeys(r["chain"] for r in rows)
-    return {chain: [r for r in rows if r["chain"] == chain] for chain in chains}
-
-
 def by_group(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """A row of `BY_GROUP` for each group of cases and each chain."""
     return [
         BY_GROUP.row({"group": group, "chain": chain} | _summed(mine))
         for group in _GROUPS
-        for chain, mine in _by_chain([r for r in rows if r["group"] == group]).items()
+        for chain, mine in grouped((r for r in rows if r["group"] == group), "chain").items()
     ]
 
 
@@ -160,7 +152,7 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """A bar for every chain and group, divided by verdict, with the number of cases that passed."""
     from matplotlib.patches import Patch
 
-    chains = _by_chain(rows)
+    chains = grouped(rows, "chain")
     groups = [group for group in _GROUPS if any(r["group"] == group for r in rows)]
     figure = new_figure(7.0, 1.7 + 0.25 * len(chains))
     axes = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]

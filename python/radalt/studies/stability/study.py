@@ -16,17 +16,10 @@ from .judge import judge_all
 
 _STATED = ("group", "case", "chain", "precision", "frames", "bound_m", "condition")
 _FOUND = ("valid", "wrong", "error_m", "output_error", "altitude_float64_m", "finite", "diverged", "silenced")
-_WORDS = frozenset({"group", "case", "chain", "precision", "reasons", "verdict", "check", "unit"})
 _TABLES = {
-    "rows": Columns(
-        names=(*_STATED, *_FOUND, "recovered", "reasons", "verdict"),
-        text=_WORDS,
-        whole=frozenset({"frames", "valid", "wrong", "finite", "recovered", "diverged", "silenced"}),
-    ),
-    "step_limits": Columns(
-        names=("spread", "condition", "theory", "measured", "ratio", "verdict"), text=_WORDS
-    ),
-    "checks": Columns(names=("check", "value", "bound", "unit", "verdict"), text=_WORDS),
+    "rows": Columns((*_STATED, *_FOUND, "recovered", "reasons", "verdict")),
+    "step_limits": Columns(("spread", "condition", "theory", "measured", "ratio", "verdict")),
+    "checks": Columns(("check", "value", "bound", "unit", "verdict")),
 }
 
 

@@ -20,7 +20,7 @@ from ...evaluation.engine.study import Point, Run, Study
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
-from ...evaluation.results.rows import Columns
+from ...evaluation.results.rows import Columns, grouped
 from ...evaluation.results.table import DASH, table
 from .criteria import RUN_IN, break_level, judged
 from .interferers import INTERFERERS
@@ -128,9 +128,7 @@ class PlacePoint(Point):
 
 
 _NUMBERS = ("along_m", "altitude_ft", "power_dbm", "break_dbm", "normal", "tracked_ft")
-COLUMNS = Columns(
-    ("profile", *_NUMBERS, "failed", "interferer"), text=frozenset({"profile", "failed", "interferer"})
-)
+COLUMNS = Columns(("profile", *_NUMBERS, "failed", "interferer"))
 
 
 @dataclass(frozen=True)
@@ -199,9 +197,8 @@ def draw_approach(rows: Sequence[Mapping[str, Any]]) -> Any:
     """Altitude, power and status over the distance to the threshold."""
     figure = new_figure(6.4, 6.0)
     axes = figure.subplots(3, 1, sharex=True)
-    names = list(dict.fromkeys(r["profile"] for r in rows))
-    for name, (colour, marker) in zip(names, STYLES, strict=False):
-        mine = [r for r in rows if r["profile"] == name]
+    found = grouped(rows, "profile")
+    for (name, mine), (colour, marker) in zip(found.items(), STYLES, strict=False):
         of = {k: [np.nan if r[k] is None else r[k] for r in mine] for k in _NUMBERS}
         x, style = np.array(of["along_m"]) / 1e3, {"color": colour, "marker": marker, "markersize": 4}
         axes[0].plot(x, of["altitude_ft"], color="#999999", linewidth=1, zorder=0)
@@ -216,5 +213,5 @@ def draw_approach(rows: Sequence[Mapping[str, Any]]) -> Any:
     axes[2].set_ylim(-0.05, 1.05)
     axes[2].set_xlabel("to the threshold, km")
     axes[2].invert_xaxis()
-    axes[0].legend(fontsize=8, frameon=False, ncols=len(names))
+    axes[0].legend(fontsize=8, frameon=False, ncols=len(found))
     return figure

@@ -15,6 +15,7 @@ from ...evaluation.engine.study import Run
 from ...evaluation.results.figure import new_figure, save_figure, say
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
+from ...evaluation.results.rows import grouped as rows_by
 from ...evaluation.results.table import DASH, table
 from .criteria import CRITERIA, HIGHEST_DBM, RUN_IN
 from .interferers import INTERFERERS, MECHANISMS
@@ -80,10 +81,7 @@ Groups = Mapping[tuple[str, str, str, str, float], Pooled]
 def grouped(rows: Sequence[Mapping[str, Any]], profiles: Sequence[Profile]) -> Groups:
     """Break-points over all seeds."""
     by_name = {p.name: p for p in profiles}
-    found: dict[tuple[str, str, str, str, float], list[Mapping[str, Any]]] = {}
-    for r in rows:
-        key = r["profile"], r["mechanisms"], r["method"], r["interferer"], r["altitude_ft"]
-        found.setdefault(key, []).append(r)
+    found = rows_by(rows, "profile", "mechanisms", "method", "interferer", "altitude_ft")
     return {k: pooled(same, INTERFERERS[k[3]].highest_dbm(by_name[k[0]])) for k, same in found.items()}
 
 

@@ -213,13 +213,18 @@ def altered(profile: Profile, mechanisms: str) -> Profile:
     return replace(profile, **off)
 
 
-_TEXT = ("profile", "mechanisms", "interferer", "method", "ground", "first")
 _BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
-_STATED = "altitude_ft seed outputs output_s loop_loss_db return_dbm unlock_loss_db first".split()
+_STATED = "profile mechanisms interferer method ground altitude_ft seed outputs output_s loop_loss_db".split()
 COLUMNS = Columns(
-    (*_TEXT[:5], *_STATED, *_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"),
-    text=frozenset(_TEXT),
-    whole=frozenset({"seed", "outputs", "levels"}),
+    (
+        *_STATED,
+        "return_dbm",
+        "unlock_loss_db",
+        "first",
+        *_BREAK,
+        *(f"{name}_dbm" for name in CRITERIA),
+        "levels",
+    )
 )
 
 

@@ -21,12 +21,10 @@ class QpskSettings:
     min_line_contrast: float = 28.0
     # bins over which that median is taken
     line_floor_bins: int = 125
-    # bins on either side that a line takes: twice the main lobe of the Hann window
+    # bins in which a line's peak lies: twice the main lobe of the Hann window
     line_bins: int = 4
-    # lowest line that is tried first, relative to the strongest in power: harmonics of the symbol rate can be stronger
+    # slowest line that is taken, relative to the strongest in power: harmonics of the symbol rate can be stronger
     harmonic_power: float = 0.3
-    # timing lines tried per frame: echoes can make the second harmonic stronger than the first
-    max_lines: int = 3
 
     # -- equaliser and decisions
     # taps of the equaliser
@@ -80,10 +78,6 @@ class QpskSettings:
     smoothing: float = 0.3
     # residual power over the least of the frames before, beyond which the emitter has changed
     max_residual: float = 8.0
-
-    # -- zero-order hold
-    # share of those steps that are far from their mean, above which a filter made them
-    hold_outliers: float = 0.03
 
 
 DEFAULTS = QpskSettings()

@@ -31,12 +31,12 @@ def _window(count: int) -> np.ndarray:
     return window
 
 
-def find_symbol_timings(frame: np.ndarray, s: QpskSettings) -> list[SymbolTiming]:
-    """Symbol timings that an (n,) complex64 frame may have: the strongest lines, the slowest of like power first.
+def find_symbol_timing(frame: np.ndarray, s: QpskSettings) -> SymbolTiming | None:
+    """Symbol timing of an (n,) complex64 frame: the slowest line of like power to the strongest; None without one.
 
     The mean of ``x[n] x*[n-1]`` is periodic with the symbols (cyclostationarity; W. A. Gardner, IEEE Signal Process.
     Mag. 8(2), 1991). Of ``|x|^2`` rectangular pulses of constant modulus would show no line. Short transitions make
-    harmonics nearly as strong as the symbol rate, and echoes make them stronger: the decisions show which is right.
+    harmonics nearly as strong as the symbol rate, and echoes make them stronger.
     """
     count = frame.size
     spectrum = fft.rfft(_neighbour_products(frame))
@@ -48,12 +48,7 @@ def find_symbol_timings(frame: np.ndarray, s: QpskSettings) -> list[SymbolTiming
     contrast[int(s.max_symbol_rate * count) :] = 0
     first = int((contrast > s.harmonic_power * contrast.max()).argmax())
     line = first + int(contrast[first : first + s.line_bins].argmax())
-    lines: list[int] = []
-    while len(lines) < s.max_lines and contrast[line] >= s.min_line_contrast:
-        lines.append(line)
-        contrast[max(0, line - s.line_bins) : line + s.line_bins + 1] = 0
-        line = int(contrast.argmax())
-    return [_timing(spectrum, line, count) for line in lines]
+    return _timing(spectrum, line, count) if contrast[line] >= s.min_line_contrast else None
 
 
 def symbol_instant(frame: np.ndarray, rate: float) -> float:

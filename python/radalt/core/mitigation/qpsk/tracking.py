@@ -12,7 +12,6 @@ from .settings import QpskSettings
 from .symbol_timing import SymbolTiming, symbol_instant
 
 _BESIDE = 12  # samples on either side of an equaliser: the interpolation's correction is as long
-_ITERATIONS = 4  # of conjugate gradients; each leaves some -15 dB of a pulse's error
 
 
 def can_track(symbols: Symbols, pulses: np.ndarray, s: QpskSettings) -> bool:
@@ -136,7 +135,7 @@ class Tracker:
         threshold = self._s.min_correction + 2 * train.length / self._count
         conjugate, steps = source.conj(), 0
         direction, last = np.complex64(0), np.inf
-        while steps < _ITERATIONS:
+        while steps < self._s.pulse_iterations:
             power = np.vdot(residual[span], residual[span]).real
             lags = train.correlations(moments @ (conjugate * train.to_correlate(residual, span)))
             step = scale * lags
