@@ -212,19 +212,9 @@ def altered(profile: Profile, mechanisms: str) -> Profile:
     return replace(profile, **off)
 
 
-_BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
 _STATED = "profile mechanisms interferer method ground altitude_ft seed outputs output_s loop_loss_db".split()
-COLUMNS = Columns(
-    (
-        *_STATED,
-        "return_dbm",
-        "unlock_loss_db",
-        "first",
-        *_BREAK,
-        *(f"{name}_dbm" for name in CRITERIA),
-        "levels",
-    )
-)
+_BREAK = "return_dbm unlock_loss_db first break_dbm break_dbm_per_mhz break_dbw_per_m2_mhz margin_db".split()
+COLUMNS = Columns((*_STATED, *_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"))
 
 
 @dataclass(frozen=True)
