@@ -93,9 +93,8 @@ class Trial:
             self.banks = [sum(emitted)]
         if method == SECOND:
             settings = {"reach_s": 0.0, "order": 1, "pieces": round(w.sweep_s / _PIECE_S)} | cancel
-            self.canceller = AuxiliaryCancel(
-                w, CancelSettings(**settings), max_altitude_m=profile.max_range_m
-            )
+            settings = CancelSettings(**settings)
+            self.canceller = AuxiliaryCancel(w, settings, max_altitude_m=profile.max_range_m)
             # both antennas receive the emitter's broadband noise as they receive the emitter
             own = 10 ** (self.kind.floor_dbc_per_hz / 10)
             emitted = [bank + white_noise(w, frames, own, self.rng) for bank in emitted]
