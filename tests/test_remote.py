@@ -33,6 +33,7 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
         (b"[" * 60_000, "not JSON"),
         (b" " * 100_000, "100000 bytes; a request has at most 65536"),
         (b'{"command": "get"}', "version is None"),
+        (b'{"version": 2, "command": "get"}', "speaks 1"),
         (b'{"version": 1, "command": "set"}', "changes nothing"),
         (b'{"version": 1, "command": "set", "altitude_m": 1501}', "within 0..1500"),
         (b'{"version": 1, "command": "set", "altitude_m": NaN}', "NaN is no JSON number"),

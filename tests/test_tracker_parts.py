@@ -487,6 +487,18 @@ def test_the_deviation_of_a_shape_is_a_mean_over_the_blocks():
     assert 0.0 < min(shown) < track.deviation < max(shown)
 
 
+@pytest.mark.parametrize("lobe", [0.0, 0.9])
+def test_doppler_counts_once_no_grating_lobe_can_pass_for_it(lobe):
+    """Two resolution cells from the return in one half sweep: the deviation of the speed is 1.8 m/s without it."""
+    parts = parts_of()
+    ratio = showing(parts, 150, 150, 44).block.ratio
+    ratio[:, 1, 155:162] += lobe * ratio[:, 1, 147:154]
+    scan = scan_of(parts, ratio)
+    track = parts.initiator.start(scan, scan.corrected(scan.block.best()))
+    assert parts.updater.update(track, scan_of(parts, ratio, 59.5))
+    assert bool(np.sqrt(track.filter.covariance[1, 1]) > 50.0) is (lobe > 0.0)
+
+
 def test_the_level_for_spread_ground_falls_by_a_tenth_per_block_that_shows_none():
     parts = parts_of()
     track = started(parts, 150, 150, 42)

@@ -76,9 +76,8 @@ def main() -> int:
     folders = parser.parse_args().results
     rows = [row for folder in folders for row in read_rows(folder / "rows.csv")]
     figure = new_figure(7.0, 6.4)
-    (left, right), (last, unused) = figure.subplots(2, 2)
-    unused.remove()
-    last.set_subplotspec(figure.axes[0].get_gridspec()[1, :])
+    top, bottom = figure.subfigures(2, 1, height_ratios=(1.3, 1))
+    (left, right), last = top.subplots(1, 2), bottom.subplots()
     for case, label, colour, line, marker in CURVES:
         own = [r for r in rows if r["case"] == case and r["overlap"] == 1.0]
         # the last one of a level is the best
@@ -92,7 +91,7 @@ def main() -> int:
     left.set(xlabel="SIR / dB", ylabel="Pd (error < 5 m)", ylim=(-0.02, 1.04))
     left.set_title("One direction: 5G and noise alike", fontsize=10)
     left.invert_xaxis()
-    left.legend(fontsize=9, loc="lower left", frameon=False, handlelength=1.5)
+    top.legend(fontsize=9, loc="outside lower center", ncols=2, frameon=False)
     for taps, style in ((1, "k:"), (9, "k--"), (17, "k-")):
         reach = {"reach_s": (taps // 2 + 0.1) / 7.5e6}
         depths = [cancelled({"directions": {"delay_s": ns * 1e-9}}, reach)[0] for ns in DELAYS_NS]

@@ -25,23 +25,17 @@ def summaries(
     Costs are those of ``turns``, where an entry took turns. Wrong altitudes are counted at the levels that every
     entry ran, and (``all_``) at all of its own: an entry that stops early has the easy ones only.
     """
-    found, out = curves(rows), {}
-    timed = {row["entry"] for row in turns}
-    ran = [{_level(row) for row in rows if row["entry"] == name} for name in entries]
-    common = set.intersection(*ran)
+    found, by_entry, timed, out = curves(rows), grouped(rows, "entry"), grouped(turns, "entry"), {}
+    common = set.intersection(*({_level(row) for row in by_entry.get(name, ())} for name in entries))
     for name in entries:
-        mine = [row for row in rows if row["entry"] == name]
+        mine = by_entry.get(name, [])
         each = [held(by[name]) for by in found.values() if len(by.get(name, ())) >= _LEVELS]
         shared, own = pool([row for row in mine if _level(row) in common]), pool(mine)
-        cost = [row for row in turns if row["entry"] == name] if name in timed else mine
+        cost = timed.get(name, mine)
         out[name] = {
             "held_db": float(np.mean(each)) if each else float("nan"),
-            **{
-                "wrong": shared.wrong,
-                "trials": shared.trials,
-                "all_wrong": own.wrong,
-                "all_trials": own.trials,
-            },
+            **{"wrong": shared.wrong, "trials": shared.trials},
+            **{"all_wrong": own.wrong, "all_trials": own.trials},
             **{key: float(np.median([row[key] or np.nan for row in cost])) for key in ("ms", "ffts")},
         }
     return out

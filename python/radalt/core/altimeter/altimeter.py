@@ -250,9 +250,11 @@ class Altimeter(BeatSpectra):
         out["vertical_speed_m_per_s"] = (
             self.waveform.beats_to_vertical_speed_m_per_s(up, -down) if first != second else np.nan
         )
-        out["snr_db"] = self._snr_db(found)
+        ratio = found.around[..., 1] / found.noise
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out["snr_db"] = 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]), dtype=float)
+            out["peak_to_sidelobe_db"] = self._peak_to_sidelobe_db(spectra.power, found.pair)
         out["ambiguity_db"] = np.minimum(10.0 / np.log(10.0) * found.lead, _CLEAR_DB)
-        out["peak_to_sidelobe_db"] = self._peak_to_sidelobe_db(spectra.power, found.pair)
         if not ok.all():
             reason = np.where(np.isfinite(spectra.scale), reason, Reason.NOT_FINITE)
             reason = np.where(spectra.scale == 0, Reason.NO_SIGNAL, reason)
@@ -310,12 +312,6 @@ class Altimeter(BeatSpectra):
     def _altitude(self, up_hz: np.ndarray, down_hz: np.ndarray, offset_s: np.ndarray | float) -> np.ndarray:
         return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)
 
-    def _snr_db(self, found: Found) -> np.ndarray:
-        """Peak over noise in the beat spectrum, mean of both halves, in decibels."""
-        ratio = found.around[..., 1] / found.noise
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]), dtype=float)
-
     def _peak_to_sidelobe_db(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """(n,) main lobe, to its first zeros, over the strongest cell next to it, in the range profile."""
         margin = self.cfar.margin
@@ -325,8 +321,8 @@ class Altimeter(BeatSpectra):
         inside = apart <= _FIRST_ZERO[self.settings.window] * self._per_resolution
         main = np.where(inside, profile, 0.0).max(axis=1)
         others = np.where(inside, 0.0, profile).max(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.clip(10.0 * np.log10(main / others, dtype=float), -_CLEAR_DB, _CLEAR_DB)
+        ratio_db = 10.0 * np.log10(main / others, dtype=float)
+        return np.minimum(np.maximum(ratio_db, -_CLEAR_DB), _CLEAR_DB)
 
     def _refine(self, spectra: Spectra, found: Found) -> tuple[np.ndarray, np.ndarray]:
         """Sub-cell beats (up, down) in hertz by the strategy."""

@@ -200,7 +200,7 @@ class BeatSpectra:
     ) -> Spectra:
         """Transform ``(n, 2, outputs)`` complex64 dechirped, decimated half sweeps, which are overwritten."""
         w = self.waveform
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             rails = low.view(np.float32).reshape(len(low), -1)
             scale = np.maximum(rails.max(axis=1), -rails.min(axis=1))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with

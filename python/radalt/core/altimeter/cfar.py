@@ -254,7 +254,6 @@ def support_of(samples: np.ndarray, count: float) -> np.ndarray:
     energy = squares[..., ::2] + squares[..., 1::2]
     first = energy.sum(axis=-1).astype(np.float64)
     second = np.einsum("...i,...i->...", energy, energy)
+    share = 2.0 * first**2 / (count * second)
     # nothing, or nothing that is a number, counts as whole
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        share = 2.0 * first**2 / (count * second)
     return np.fmax(np.fmin(share, 1.0), _NARROWEST)

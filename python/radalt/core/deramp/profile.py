@@ -216,20 +216,13 @@ class Profile:
 
     def loop_loss_db(self, altitude_ft: float) -> float:
         """Loss from transmitter to port over diffuse ground, cables included."""
-        return diffuse_loop_loss_db(
-            altitude_ft * foot,
-            antenna=self.antenna,
-            ground=self.ground,
-            carrier_hz=self.carrier_hz,
-            losses_db=2 * self.cable_db,
-        )
+        way = {"antenna": self.antenna, "ground": self.ground, "carrier_hz": self.carrier_hz}
+        return diffuse_loop_loss_db(altitude_ft * foot, **way, losses_db=2 * self.cable_db)
 
     def flux_dbw_per_m2_mhz(self, density_dbm_per_mhz: float) -> float:
         """Power flux density in the sweep's band, from boresight, that gives a power density at the port."""
-        unit = port_density_dbm_per_mhz(
-            0.0, frequency_hz=self.carrier_hz, gain_dbi=self.gain_dbi, cable_db=self.cable_db
-        )
-        return density_dbm_per_mhz - unit
+        way = {"frequency_hz": self.carrier_hz, "gain_dbi": self.gain_dbi, "cable_db": self.cable_db}
+        return density_dbm_per_mhz - port_density_dbm_per_mhz(0.0, **way)
 
     # -- receiver ---------------------------------------------------------------------------------------------------
 

@@ -18,12 +18,10 @@ def by_hand(scene: Scene) -> Scene:
     There is one preamble (altitude zero, jammer silent). Lost samples and the jammer's clock drift are off, since the
     simulated channel needs the length of the run for them; leakage, since a beat shift would move it with the return.
     """
-    altitude = dataclasses.replace(
-        scene.altitude, mode="synthetic", vertical_speed_m_per_s=0.0, sync_every_frames=0, hold_last=True
-    )
-    channel = dataclasses.replace(
-        scene.channel, drops=DropSettings(), jammer_clock_ppm=0.0, leakage_db=None, gear_db=None
-    )
+    still = {"mode": "synthetic", "vertical_speed_m_per_s": 0.0, "sync_every_frames": 0, "hold_last": True}
+    altitude = dataclasses.replace(scene.altitude, **still)
+    off = {"drops": DropSettings(), "jammer_clock_ppm": 0.0, "leakage_db": None, "gear_db": None}
+    channel = dataclasses.replace(scene.channel, **off)
     segmenter = dataclasses.replace(scene.segmenter, leakage_calibration="")
     altimeter = scene.altimeter.resolved(scene.waveform, vertical_speed_m_per_s=0.0)
     parts = {"altitude": altitude, "channel": channel, "segmenter": segmenter, "altimeter": altimeter}

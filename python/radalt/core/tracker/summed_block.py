@@ -86,12 +86,7 @@ class Block:
         self._late = tables.joint(latest) / np.sqrt(2 * late * _VARIANCE)
 
     def _noise(self, sums: np.ndarray) -> tuple[np.ndarray, float]:
-        """Background around each cell, and the standard deviation of the sum of two halves in noise.
-
-        The background is a median over eight resolution cells to either side. The deviation is the greater of what
-        independent frames have and of what the cells show: interference that repeats with the sweep does not average
-        out.
-        """
+        """Background, a median over eight resolution cells to either side; deviation of two halves' sum in noise."""
         t = self.tables
         inner = sums[:, t.first : t.last]
         # half by half: SciPy's filter for one dimension takes a fourteenth of the time
@@ -100,6 +95,7 @@ class Block:
         ]
         everywhere = np.zeros(sums.shape)
         everywhere[:, t.first : t.last] = inner - residual
+        # interference that repeats with the sweep does not average out
         seen = _MAD * upper_median(np.abs(residual - upper_median(residual)[:, None]))
         expected = self.count * _VARIANCE
         return everywhere, float(np.sqrt(np.maximum(seen**2, expected).sum()))

@@ -159,19 +159,13 @@ def with_second_channel(data: dict[str, Any]) -> dict[str, Any]:
         receiver = RADAR_SOURCE
         own = blocks[RADAR_SOURCE]["parameters"]
         own |= {"nchan": "2", "sd_spec0": f'"{SUBDEVICES}"', "stream_chans": "[0, 1]"}
-        own |= {
-            "ant1": own["ant0"],
-            "center_freq1": own["center_freq0"],
-            "rx_agc0": "False",
-            "rx_agc1": "False",
-        }
-        own["gain1"] = "scene.radio.auxiliary_rx_gain_db"
-    data["blocks"].append(
-        _block(CANCELLER, "radalt_auxiliary_cancel", {"scene": "scene"}, blocks["frame_segmenter"])
-    )
-    data["connections"] = [
-        [CANCELLER if c[:2] == ["frame_segmenter", "0"] else c[0], *c[1:]] for c in data["connections"]
-    ]
+        own |= {"ant1": own["ant0"], "center_freq1": own["center_freq0"]}
+        own |= {"rx_agc0": "False", "rx_agc1": "False", "gain1": "scene.radio.auxiliary_rx_gain_db"}
+    scene = {"scene": "scene"}
+    data["blocks"].append(_block(CANCELLER, "radalt_auxiliary_cancel", scene, blocks["frame_segmenter"]))
+    for connection in data["connections"]:
+        if connection[:2] == ["frame_segmenter", "0"]:
+            connection[0] = CANCELLER
     data["connections"] += [[receiver, "1", "frame_segmenter", "1"]]
     data["connections"] += [["frame_segmenter", port, CANCELLER, port] for port in "01"]
     return data

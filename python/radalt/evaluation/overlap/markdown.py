@@ -9,7 +9,7 @@ import numpy as np
 from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.proportion import paired_difference
-from ..results.rows import unbits
+from ..results.rows import grouped, unbits
 from ..results.score import pool
 from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
 from .panels import Row, common, panels, series_of, spread, with_interference
@@ -96,12 +96,10 @@ def paired(rows: Sequence[Row], one: str, other: str) -> tuple[int, float, float
 
     Rows of a point and a seed have the same frames; on the air, where none comes twice, those of one ``run``.
     """
-    mine: dict[tuple[Any, ...], dict[str, Row]] = {}
-    for row in rows:
-        if row.get("right"):
-            key = (*(row[k] for k in ("overlap", "sir_db", "snr_db", "seed", "trials")), row.get("run"))
-            mine.setdefault(key, {})[row.get("series", row["method"])] = row
-    both = [(at[one], at[other]) for at in mine.values() if one in at and other in at]
+    some = ({"run": None, "series": row["method"]} | row for row in rows if row.get("right"))
+    points = grouped(some, "overlap", "sir_db", "snr_db", "seed", "trials", "run").values()
+    at_points = ({row["series"]: row for row in mine} for mine in points)
+    both = [(at[one], at[other]) for at in at_points if one in at and other in at]
     if not both:
         return None
     ours, theirs = (

@@ -82,27 +82,20 @@ def changed(
 
     Raises SceneError for a wrong value; one line.
     """
-    axes = {"overlap": overlap, "sir_db": sir_db, "snr_db": snr_db}
-    flown = {"programme_m": altitudes_m, "frames": frames}
 
-    def given(values: dict[str, Any]) -> dict[str, Any]:
-        fit = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in values.items()}
-        return {k: v for k, v in fit.items() if v is not None}
+    def given(**values: Any) -> dict[str, Any]:
+        return {k: tuple(v) if isinstance(v, Sequence) else v for k, v in values.items() if v is not None}
 
+    options = {name: {**(scene.method_options.get(name) or {}), **more} for name, more in (own or {}).items()}
+    chosen = scene.methods if methods is None else tuple(methods)
     try:
-        sweep = dataclasses.replace(scene.sweep, **given(axes))
-        altitude = dataclasses.replace(scene.altitude, **given(flown))
-        scene = dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given({"seed": seed}))
-        if not own and methods is None:
-            return scene
-        options = {
-            name: {**(scene.method_options.get(name) or {}), **more} for name, more in (own or {}).items()
-        }
-        chosen = scene.methods if methods is None else tuple(methods)
         return dataclasses.replace(
             scene,
+            sweep=dataclasses.replace(scene.sweep, **given(overlap=overlap, sir_db=sir_db, snr_db=snr_db)),
+            altitude=dataclasses.replace(scene.altitude, **given(programme_m=altitudes_m, frames=frames)),
             methods=chosen + tuple(name for name in options if name not in chosen),
             method_options={**scene.method_options, **options},
+            **given(seed=seed),
         )
     except ValueError as error:
         raise SceneError(str(error)) from None

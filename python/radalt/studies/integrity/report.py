@@ -117,8 +117,15 @@ def write_report(
         "flights_listed": _LISTED,
         "flights_with_events": len({(e["replay"], e["cause"]) for e in events}),
         "times": _times(rows),
+        "above": _above,
     }
     return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report, values)
+
+
+def _above(bound: float) -> str:
+    """A bound of two digits that holds: rounded up."""
+    step = 10.0 ** (np.floor(np.log10(bound)) - 1.0)
+    return f"{np.ceil(bound / step - 1e-9) * step:.1e}"
 
 
 def _claim(rows: Sequence[Row]) -> dict[str, Any]:

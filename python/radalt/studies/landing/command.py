@@ -30,9 +30,8 @@ def _arguments(parser: Parser) -> None:
     add("study", nargs="?", type=path, default=default, help="YAML file")
     parser.option("--trajectory", "CSV: a track, or ADS-B state vectors", path)
     parser.option("--aircraft", "icao24 or callsign to take from the trajectory file")
-    parser.option(
-        "--altitude-offset-m", "added to the trajectory's altitudes (datum)", number(float, -1e5, 1e5)
-    )
+    words = "added to the trajectory's altitudes (datum)"
+    parser.option("--altitude-offset-m", words, number(float, -1e5, 1e5))
     parser.option("--altitude-unit", "of an altitude column that does not state it", choices=("m", "ft"))
     parser.option("--max-gap-s", "longest gap in the trajectory that is interpolated", number(float, 0, 1e6))
     parser.option("--terrain", "DTED files; none of them: flat earth at --flat-m", path, nargs="*")

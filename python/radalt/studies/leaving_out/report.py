@@ -21,12 +21,10 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
     """An entry per scene: medians pruned and with all built, their ratios, and whether the results are identical."""
     out = []
     for name, mine in grouped(rows, "scene").items():
+        turns = [[r for r in mine if r["built"] == built] for built in ("pruned", "all")]
         pruned, full = (
-            {
-                key: float(np.median([r[key] for r in mine if r["built"] == built]))
-                for key in ("cpu_s", "memory_bytes")
-            }
-            for built in ("pruned", "all")
+            {key: float(np.median([r[key] for r in each])) for key in ("cpu_s", "memory_bytes")}
+            for each in turns
         )
         scene = scene_of(name, frames)
         plan = make_plan(scene, scene.methods)
@@ -38,7 +36,7 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
                 "pruned": pruned,
                 "all": full,
                 "cpu_ratio": full["cpu_s"] / pruned["cpu_s"],
-                "cpu_ratios": _by_turn(mine),
+                "cpu_ratios": [b["cpu_s"] / a["cpu_s"] for a, b in zip(*turns, strict=True)],
                 "memory_ratio": full["memory_bytes"] / pruned["memory_bytes"],
                 "identical": len({r["digest"] for r in mine}) == 1,
                 "modules": next(r["modules"] for r in mine if r["built"] == "pruned"),
@@ -48,12 +46,6 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
             }
         )
     return out
-
-
-def _by_turn(rows: Sequence[dict[str, Any]]) -> list[float]:
-    """Ratio of CPU time of each turn."""
-    pruned, full = ([r["cpu_s"] for r in rows if r["built"] == built] for built in ("pruned", "all"))
-    return [b / a for a, b in zip(pruned, full, strict=True)]
 
 
 def write_report(

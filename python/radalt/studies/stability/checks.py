@@ -80,12 +80,10 @@ def long_run_rows() -> Iterator[dict[str, Any]]:
         error = abs((have - float(exact) + 0.5) % 1.0 - 0.5)
         yield _check(f"source phase at sweep {frames:.3g} against exact fractions", error, 1e-4, "cycles")
     for far in (0, _FAR, _FAR + 12_345):
-        yield _check(
-            f"segmenter from sample {far:.4g}: largest altitude error", _segmented_error(far), 0.1, "m"
-        )
-    yield _check(
-        "float64 phase of 1e9 samples at 1 Hz of 7.5 MS/s, reduced", _float_drift(np.float64), 1e-6, "cycles"
-    )
+        name = f"segmenter from sample {far:.4g}: largest altitude error"
+        yield _check(name, _segmented_error(far), 0.1, "m")
+    name = "float64 phase of 1e9 samples at 1 Hz of 7.5 MS/s, reduced"
+    yield _check(name, _float_drift(np.float64), 1e-6, "cycles")
     drift = _float_drift(np.float32)
     name = "the same in float32, which is why nothing here is"
     yield {"check": name, "value": drift, "bound": None, "unit": "cycles", "verdict": "shown"}
@@ -122,9 +120,8 @@ def _segmented_error(first_sample: int) -> float:
 def _frames(count: int = 12) -> np.ndarray:
     rng, w = np.random.default_rng(11), Waveform()
     frames = noisy(point_return(w, rng.uniform(20.0, 1400.0, count)), 10.0, rng)
-    jam = interference_frames(
-        [Interferer(QpskEmitter(evm=TYPICAL), -20.0, 0.4)], count, w.samples_per_frame, w.rate_hz, rng
-    )
+    jammer = Interferer(QpskEmitter(evm=TYPICAL), -20.0, 0.4)
+    jam = interference_frames([jammer], count, w.samples_per_frame, w.rate_hz, rng)
     return (frames + jam).astype(np.complex64)
 
 

@@ -93,9 +93,8 @@ class Trial:
             self.banks = [sum(emitted)]
         if method == SECOND:
             settings = {"reach_s": 0.0, "order": 1, "pieces": round(w.sweep_s / _PIECE_S)} | cancel
-            self.canceller = AuxiliaryCancel(
-                w, CancelSettings(**settings), max_altitude_m=profile.max_range_m
-            )
+            settings = CancelSettings(**settings)
+            self.canceller = AuxiliaryCancel(w, settings, max_altitude_m=profile.max_range_m)
             # both antennas receive the emitter's broadband noise as they receive the emitter
             own = 10 ** (self.kind.floor_dbc_per_hz / 10)
             emitted = [bank + white_noise(w, frames, own, self.rng) for bank in emitted]
@@ -213,19 +212,9 @@ def altered(profile: Profile, mechanisms: str) -> Profile:
     return replace(profile, **off)
 
 
-_BREAK = ("break_dbm", "break_dbm_per_mhz", "break_dbw_per_m2_mhz", "margin_db")
 _STATED = "profile mechanisms interferer method ground altitude_ft seed outputs output_s loop_loss_db".split()
-COLUMNS = Columns(
-    (
-        *_STATED,
-        "return_dbm",
-        "unlock_loss_db",
-        "first",
-        *_BREAK,
-        *(f"{name}_dbm" for name in CRITERIA),
-        "levels",
-    )
-)
+_BREAK = "return_dbm unlock_loss_db first break_dbm break_dbm_per_mhz break_dbw_per_m2_mhz margin_db".split()
+COLUMNS = Columns((*_STATED, *_BREAK, *(f"{name}_dbm" for name in CRITERIA), "levels"))
 
 
 @dataclass(frozen=True)
