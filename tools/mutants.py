@@ -11,8 +11,7 @@ a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_
 
 With --constants each number at the top of a module is set to twice, half, 100 times its value and 0, until one of the
 tests fails that call a function which uses it. The table has the change and that test. Where none is noticed, no test
-states what the constant is for: it goes, with its code, or gets a test. What the cancellers' settings cost is measured
-by tools/ofdm_settings.py and tools/qpsk_sensitivity.py.
+states what the constant is for: it goes, with its code, or gets a test.
 
 Everything is imported once. Each mutant is a fork of that process, in which the functions of the module get other code:
 starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.

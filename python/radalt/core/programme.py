@@ -20,7 +20,10 @@ _CHANGES = 1000
 class Programme:
     """Altitude steps framed by synchronisation frames.
 
-    ``speeds_m_per_s`` and ``phases_cycles`` of each altitude are empty where returns are not drawn.
+    Parameters
+    ----------
+    speeds_m_per_s, phases_cycles : tuple of float
+        Range rate and carrier phase of each altitude, where returns are drawn; empty where they are not.
     """
 
     altitudes_m: tuple[float, ...] = (200.0,)
@@ -159,6 +162,12 @@ class SentAltitudes:
 
     One thread may `set` while another reads.
 
+    Parameters
+    ----------
+    programme : Programme
+
+    Examples
+    --------
     >>> sent = SentAltitudes(Programme(altitudes_m=(900.0,)))
     >>> sent.set(0, 200.0)
     >>> sent.at(0), sent.at(8)

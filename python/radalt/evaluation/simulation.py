@@ -114,7 +114,15 @@ def found_latency(scene: Scene) -> float:
 class MethodPath:
     """One method and its altimeter: the chain from frames to altitudes, in runs without a flowgraph and in the bench.
 
-    ``options`` of the method are over the scene's, and ``settings`` take the place of the scene's altimeter.
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+        Name in the registry.
+    options : mapping or None
+        Of the method, over the scene's.
+    settings : AltimeterSettings or None
+        None takes the scene's.
     """
 
     def __init__(

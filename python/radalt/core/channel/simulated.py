@@ -18,9 +18,22 @@ from .settings import ChannelSettings
 class SimulatedChannel:
     """Channel from the radar's and the jammer's transmitter to the radar's receiver, one frame at a time.
 
-    ``terrain`` takes the place of the transmitted sweep. ``true_delay`` has altitudes as true delays with Doppler and
-    carrier phase; None where the source shifts the beat. Gaps are spread over the run of ``frames``. A drawn latency
-    lies within 80..N-2 samples, so that the interpolation kernel stays causal.
+    A drawn latency lies within 80..N-2 samples, so that the interpolation kernel stays causal.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    settings : ChannelSettings
+    seed : int
+        Seed of everything random.
+    true_delay : Programme or None
+        Altitudes simulated as true delays with Doppler and carrier phase; None where the source shifts the beat.
+    terrain : TerrainPlayer or None
+        Terrain return, in place of the transmitted sweep.
+    frames : int
+        Length of the run in frames; gaps are spread over it.
+    auxiliary : AuxiliaryReceiver or None
+        The second receive channel.
     """
 
     MIN_LATENCY = 80

@@ -64,8 +64,14 @@ def attach_recorder(
 ) -> Any:
     """Connect an `iq_recorder` to a block's output in a flowgraph that is not yet started; `finish_recorder` ends it.
 
-    ``start_s`` is the device time of the transmitter's first sample. With ``radio``, as of `write_metadata`, samples
-    are dropped when the disk cannot keep up.
+    Parameters
+    ----------
+    path : path
+        Path of the recording without ending.
+    start_s : float
+        Device time of the transmitter's first sample.
+    radio : mapping, optional
+        With radios: see `write_metadata`; samples are dropped when the disk cannot keep up.
     """
     from ...blocks.iq_recorder import iq_recorder
 

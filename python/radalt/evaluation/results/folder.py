@@ -162,11 +162,25 @@ def read_report(path: Path) -> dict[str, Any]:
 
 
 class RunFolder:
-    """The folder of one run, locked by this process, by ``head``: everything on which a row depends.
+    """The folder of one run, locked by this process.
 
-    It has to be new, empty, or, with ``resume``, hold this run; with ``replace`` it may hold another result of the
-    study. ``holds`` says whether an entry of the journal (``point``, ``rows``) is valid for this run. ``dry`` checks
-    all of this and writes nothing. Raises FolderError, which names the first difference to another run.
+    Raises FolderError if it holds other files, another run (the first difference is named), or another process writes
+    to it.
+
+    Parameters
+    ----------
+    path : Path
+        Created if missing. It has to be new, empty, or, with ``resume``, hold this run.
+    head : dict
+        Everything on which a row depends; JSON.
+    resume : bool
+        Whether the folder may hold a part of this run.
+    replace : bool
+        Whether it may hold another result of the study, which is then replaced.
+    dry : bool
+        Check all of this and write nothing.
+    holds : callable
+        Whether an entry of the journal (``point``, ``rows``) is valid for this run.
     """
 
     def __init__(

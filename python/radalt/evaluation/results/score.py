@@ -171,9 +171,17 @@ def score_frames(
 
 
 def score(results: np.ndarray, programme: Programme, truth_m: np.ndarray | None = None) -> Score:
-    """Score one method's results (`RESULT_DTYPE`, in any order) against the programme, or against ``truth_m``.
+    """Score one method's results against the programme.
 
-    Frames outside the trials (preamble, synchronisation, past the end) and repetitions of a frame index do not count.
+    Parameters
+    ----------
+    results : (n,) structured array of `RESULT_DTYPE`
+        In any order; frames outside the trials (preamble, synchronisation, past the end) and repetitions of a frame
+        index do not count.
+    programme : Programme
+        True altitudes by frame.
+    truth_m : (n,) metres, optional
+        True altitudes instead of the programme's, where altitudes were set by hand.
     """
     counted, true = trials_of(results, programme, truth_m)
     return score_frames(counted, true, lost=programme.trial_frames - len(counted))

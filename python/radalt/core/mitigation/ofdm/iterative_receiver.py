@@ -202,9 +202,8 @@ class IterativeReceiver:
         channel, noise, bound = start.channel, start.noise, np.abs(start.channel)
         if noise is None:
             z = equalise(observed.emitter(), channel)
-            relative, turn = first_noise(z, t, grid.segments, self._demapper, self._num.block, s)
+            relative = first_noise(z, t, grid.segments, self._demapper, self._num.block, s)
             noise = np.broadcast_to(relative * channel_power(channel), free.shape)
-            observed.turn(turn)
         return_power, before = np.float32(0), 0.0
         _, fewest, wide = self._schedule(model) if acquiring else (0, 0, 0)
         for iteration in range(iterations + 1):

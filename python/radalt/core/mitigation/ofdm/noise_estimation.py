@@ -8,7 +8,6 @@ from .settings import OfdmSettings
 from .soft_demapper import SoftDemapper
 
 _SAMPLED = 7  # decimation of resource blocks in the first noise estimate
-_EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 
 def first_noise(
@@ -18,27 +17,17 @@ def first_noise(
     demapper: SoftDemapper,
     block: int,
     settings: OfdmSettings,
-) -> tuple[np.float32, np.ndarray]:
-    """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1)."""
+) -> np.float32:
+    """Noise over channel power of greatest likelihood on the grid, for all elements in one call."""
     some, known = (
         np.ascontiguousarray(x.reshape(len(x), -1, block)[:, ::_SAMPLED]).reshape(len(x), -1) for x in (z, t)
     )
     tried = 10 ** (np.array(settings.noise_grid_db, dtype=np.float32) / 10)
-    unrotated = _nats(some, known, tried, segments, demapper)
-    best = int(unrotated.sum(axis=1).argmax())
-    turned = _nats(some * _EIGHTH, known, tried[best : best + 1], segments, demapper)[0]
-    return tried[best], np.where(turned > unrotated[best] + 5, _EIGHTH, np.complex64(1))[:, None]
-
-
-def _nats(
-    z: np.ndarray, t: np.ndarray, noises: np.ndarray, segments: np.ndarray, demapper: SoftDemapper
-) -> np.ndarray:
-    """(noises, L) log likelihood of the symbols for each candidate noise variance, in one call."""
-    count, length = len(noises), len(z)
+    count, length = len(tried), len(some)
     many = (np.arange(count)[:, None] * length + segments).ravel()
-    noise = np.repeat(noises, length)[:, None] * np.ones(z.shape[1], np.float32)
-    nats = demapper.evidence(np.tile(z, (count, 1)), noise, np.tile(t, (count, 1)), many)
-    return (nats.reshape(count, length, -1) * t).sum(axis=2)
+    noise = np.repeat(tried, length)[:, None] * np.ones(some.shape[1], np.float32)
+    nats = demapper.evidence(np.tile(some, (count, 1)), noise, np.tile(known, (count, 1)), many)
+    return tried[int((nats.reshape(count, length, -1) * known).sum(axis=(1, 2)).argmax())]
 
 
 def noise_of(

@@ -50,20 +50,7 @@ def sent_elements(
     return received - rest * weight
 
 
-def blanked(out: np.ndarray, grid: ElementGrid, settings: OfdmSettings) -> np.ndarray:
-    """(N,) frame whose samples are 0 where they are far louder than usual, and around symbol boundaries if those are.
-
-    Echoes, windowing and filters disturb the boundaries of all symbols alike, so the mean over them is compared.
-    """
+def blanked(out: np.ndarray, settings: OfdmSettings) -> np.ndarray:
+    """(N,) frame whose samples are 0 where they are far louder than usual."""
     level = power(out)
-    most = np.float32(settings.blank_ratio) * median(level[::4])
-    keep = level <= most
-    reach = settings.boundary_reach
-    edges = grid.edges()
-    edges = edges[(edges >= reach) & (edges < out.size - reach)]
-    if edges.size:
-        places = edges[:, None] + np.arange(-reach, reach + 1)
-        capped = np.minimum(level, most)
-        mean = np.convolve(capped[places].mean(axis=0), np.full(5, 0.2), mode="same")
-        keep[places[:, mean > settings.boundary_ratio * capped.mean()]] = False
-    return out * keep
+    return out * (level <= np.float32(settings.blank_ratio) * median(level[::4]))

@@ -55,7 +55,7 @@ class ReturnAwareReceiver(IterativeReceiver):
             if shown is not None:
                 found = self._again(grid, free, found, shown)
                 out = self._subtracted(grid, free, found)
-        return blanked(out * grid.carrier.conj(), grid, s), found, grid
+        return blanked(out * grid.carrier.conj(), s), found, grid
 
     def _subtracted(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> np.ndarray:
         """(N,) complex64 frame without the emitter, its CFO still removed."""

@@ -59,8 +59,6 @@ class OfdmSettings:
     # subtraction
     outlier_return: float = 3.0  # times the 0.8 quantile of what is left in the return mask [M]
     blank_ratio: float = 6.0  # times the median output power: blanked; noise has e^-4 of it [F: exp]
-    boundary_ratio: float = 1.3  # the same, mean over all symbol boundaries [M]
-    boundary_reach: int = 40  # samples on either side of a symbol boundary that are looked at [F: the prefix]
     # tracking
     track_again: float = 1.4  # times the noise of the frames before; more is decided once more [M]
     track_noise: float = 4.0  # the same; still more is acquired anew [M]
