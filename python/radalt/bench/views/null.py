@@ -22,6 +22,6 @@ def false_altitudes(rows: Sequence[Row], bounds: Mapping[str, float]) -> str:
         worst = ""
         if false:
             worst = f"{most['detections']} of {most['trials']} ({most['case']}, {most['overlap']:g}{inr})"
-        lines.append([name, f"{false} of {trials}", f"{low:.2g} to {high:.2g}", worst, f"{bounds[name]:.2g}"])
+        lines.append([name, f"{false} of {trials}", f"{low:.2g} to {high:.2g}", worst, f"{bounds[name]:.3g}"])
     head = ["entry", "false altitudes", "rate, 95 %", "most at one level", "white noise, by design at most"]
     return table(head, lines)
