@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import atexit
 import functools
 import gc
 import json
@@ -96,6 +97,7 @@ def forked(before: Callable[[], None], *arguments: str, plugin: object = None) -
         if not (pid := os.fork()):
             for number in (1, 2):
                 os.dup2(out.fileno(), number)
+            atexit.register(os._exit, 2)  # GNU Radio's own end waits for threads that a fork lacks
             before()
             os._exit(pytest.main(["-q", "-pno:cacheprovider", *arguments], plugins=[plugin]))
         status = os.waitpid(pid, 0)[1]
