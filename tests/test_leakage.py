@@ -214,7 +214,6 @@ def run(
     altitudes_m: tuple[float, ...],
     seed: int,
     lost: tuple[int, int] = (0, 0),
-    sizes: tuple[int, ...] = (N,),
 ) -> tuple[np.ndarray, np.ndarray, FrameSegmenter]:
     """(n,) altitudes and true ones of the trials; ``lost``: a block, and samples missing from it without a tag."""
     programme = Programme(altitudes_m, 16)
@@ -224,13 +223,9 @@ def run(
     for block in range(programme.total_frames + 3):
         for _, samples in source.process(W.reference):
             stream.append(samples[lost[1] :] if block == lost[0] else samples)
-    stream, frames, at = np.concatenate(stream), [], 0
-    for k in range(10**6):
-        size = sizes[k % len(sizes)]
-        frames += segmenter.push(stream[at : at + size])
-        at += size
-        if at >= stream.size:
-            break
+    stream, frames = np.concatenate(stream), []
+    for at in range(0, stream.size, N):
+        frames += segmenter.push(stream[at : at + N])
     frames += segmenter.drain()
     frames = [f for f in frames if programme.is_trial(f.index)]
     if not frames:
@@ -306,6 +301,17 @@ def test_without_a_calibration_frames_above_100_m_come_through_and_losses_are_no
     assert np.max(np.abs(found - truth)) < 2.0  # the leakage's path of 1 m among it
     found, truth, segmenter = run(fitted, channel, (300.0,), 6, (15, 700))
     assert segmenter.counters["lock_losses"] == 1 and not np.any(np.abs(found - truth) > 5.0)
+
+
+@pytest.mark.parametrize(("level_db", "ground_m"), [(20.0, 2.0), (0.0, 8.5), (0.0, 13.0)])
+def test_leakage_is_located_by_what_the_ground_cannot_be_if_that_is_enough(level_db, ground_m):
+    """A metre from it the ground can be nearly all of it, and is weaker; 8 m off it can be some, and is as strong."""
+    leakage = line(level_db, 1.0)
+    known = LeakageCanceller(LeakageCalibration.measured(W, np.tile(leakage, (20, 1))))
+    timing = FrameSegmenter(W, None, true_delay=True, leakage=known)._leakage
+    ground = point_return(W, np.full(6, ground_m), phase_cycles=np.arange(6) / 6)
+    frames = np.roll(leakage + ground + noise(np.random.default_rng(1), 6, 10.0), 3, axis=1)
+    assert [timing.slip(frame, 0, (ground_m, 0.0)) for frame in frames] == [3.0] * 6
 
 
 def test_a_return_is_no_leakage_to_take_timing_on():
@@ -434,14 +440,8 @@ def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path)
         load_leakage(path, Waveform(sweep_s=2e-3))
     text = path.read_text()
     far, loud = text.replace("-0.97", "-5000.0"), re.sub(r"- \[[^,]+", "- [1.0e+308", text, count=1)
-    for wrong in (
-        text.replace("up:", "aloft:"),
-        text.replace("- [", "- [.nan, ", 1),
-        "[1, 2]",
-        "{",
-        far,
-        loud,
-    ):
+    renamed, nan = text.replace("up:", "aloft:"), text.replace("- [", "- [.nan, ", 1)
+    for wrong in (renamed, nan, "[1, 2]", "{", far, loud):
         path.write_text(wrong)
         with pytest.raises(InputError, match="leakage calibration"):
             load_leakage(path, W)
