@@ -1,6 +1,7 @@
 """Displays of a live view: the range profile with its threshold, and a strip of altitudes."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -18,13 +19,13 @@ def by_hand(scene: Scene) -> Scene:
     There is one preamble (altitude zero, jammer silent). Lost samples and the jammer's clock drift are off, since the
     simulated channel needs the length of the run for them; leakage, since a beat shift would move it with the return.
     """
-    still = {"mode": "synthetic", "vertical_speed_m_per_s": 0.0, "sync_every_frames": 0, "hold_last": True}
-    altitude = dataclasses.replace(scene.altitude, **still)
-    off = {"drops": DropSettings(), "jammer_clock_ppm": 0.0, "leakage_db": None, "gear_db": None}
+    still: Any = {"mode": "synthetic", "vertical_speed_m_per_s": 0.0, "sync_every_frames": 0}
+    altitude = dataclasses.replace(scene.altitude, **still, hold_last=True)
+    off: Any = {"drops": DropSettings(), "jammer_clock_ppm": 0.0, "leakage_db": None, "gear_db": None}
     channel = dataclasses.replace(scene.channel, **off)
     segmenter = dataclasses.replace(scene.segmenter, leakage_calibration="")
     altimeter = scene.altimeter.resolved(scene.waveform, vertical_speed_m_per_s=0.0)
-    parts = {"altitude": altitude, "channel": channel, "segmenter": segmenter, "altimeter": altimeter}
+    parts: Any = {"altitude": altitude, "channel": channel, "segmenter": segmenter, "altimeter": altimeter}
     return dataclasses.replace(scene, **parts, return_model="point", landing=None)
 
 

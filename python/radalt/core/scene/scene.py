@@ -186,7 +186,7 @@ class Scene:
         """Settings of the altimeter; an open search span is taken from the scene's altitudes."""
         # the range rate of terrain differs from the aircraft's
         speed = None if self.return_model == "terrain" else self.altitude.fastest_m_per_s
-        reach = {"highest_altitude_m": self.reach_m, "vertical_speed_m_per_s": speed}
+        reach: dict[str, Any] = {"highest_altitude_m": self.reach_m, "vertical_speed_m_per_s": speed}
         return self.altimeter.resolved(self.waveform, **reach)
 
     @property
