@@ -177,7 +177,7 @@ def _break_points(rows):
 
 
 def _to_whitening(rows):
-    """How much higher and lower than whitening's is the network's break-point under QPSK as received, full overlap, over the sweeps."""
+    """Most by which the network's break-point is higher and lower than whitening's, QPSK as received, full overlap."""
     gains_db = [
         _break_point(rows, case=case, overlap="1", entry="whitening").sir_db
         - _break_point(rows, case=case, overlap="1", entry="tcae").sir_db
