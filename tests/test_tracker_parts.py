@@ -524,13 +524,14 @@ def test_a_doppler_that_the_altitudes_contradict_leaves_no_speed_open(doppler_m_
 
 
 def test_a_filter_notices_innovations_beyond_what_it_expects():
-    """Innovations of three standard deviations each make their mean square nine; those of one keep it at one."""
-    found = Measurement(0.0, 0.0, 0.25, 1.0, 10.0, np.zeros(2), 1.0, 0)
-    for sigmas in (1.0, 3.0):
+    """Innovations of three standard deviations each, within the gate, have a mean square of nine and end the track."""
+    found, scan = Measurement(0.0, 0.0, 0.25, 1.0, 10.0, np.zeros(2), 1.0, 0), SimpleNamespace(ground_m=None)
+    for sigmas in (1.0, 2.5, 3.0):
         kalman = Kalman(np.array([100.0, 0.0]), np.diag([0.1, 0.5]))
         for _ in range(120):
             kalman.predict(0.04, 1.0)
             rest, variance = kalman.innovation(found, 0.02)
-            altitude = -rest + sigmas * np.sqrt(variance)
-            kalman.update(replace(found, altitude_m=altitude), 0.02, with_speed=False)
+            last = replace(found, altitude_m=-rest + sigmas * np.sqrt(variance))
+            kalman.update(last, 0.02, with_speed=False)
         assert kalman.nis == pytest.approx(sigmas**2, rel=1e-4)
+        assert parts_of().deleter.inconsistent(Track(kalman, Evidence(2.0)), scan) is (sigmas > 2.5)

@@ -7,6 +7,7 @@ from scipy.linalg import blas
 from ..waveform import altitude_to_delay_s
 from .leakage import REACH_M, LeakageCanceller
 from .segmenter_settings import SegmenterSettings
+from .sweep_check import COARSE, TOLERANCE
 from .sweep_finder import ALONE, SweepFinder
 
 # Share of the calibrated amplitude by which a leakage may differ from the calibration: half of it is a phase offset of
@@ -16,7 +17,6 @@ _STEPS, _DERIVED = 2, 1e-3  # Gauss-Newton steps of the delay; step of its deriv
 _LEAST_LEFT = 0.3  # share of the leakage that a ground at almost the same place has to leave to it
 _REST = 0.1  # share of the leakage's energy up to which a line near its place is what was left of it
 _NEAR, _FLANK = 2, 3  # samples searched next to its place; samples on either side that belong to one line
-_TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a line is and where it is seen, as in `SweepCheck`
 
 
 class LeakageTiming:
@@ -157,9 +157,9 @@ class LeakageTiming:
         """
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * self._rate
         if slip == 0.0:
-            return "verified", expected, _TOLERANCE
+            return "verified", expected, TOLERANCE
         if slip is not None:
-            return "contradicted", expected + slip, _COARSE
+            return "contradicted", expected + slip, COARSE
         verdict, seen, tolerance = found
         if verdict == "contradicted" and abs(seen) <= self._reach_samples + 1.0:
             rails = cleaned.view(np.float32)

@@ -7,8 +7,8 @@ from .segmenter_settings import SegmenterSettings
 from .sweep_finder import ALONE, SweepFinder
 
 # Largest error of a delay, samples: by the matched filter, by the correlation.
-_TOLERANCE, _COARSE = 0.4, 1.0
-NOT_CHECKED = "not checked", 0.0, _COARSE
+TOLERANCE, COARSE = 0.4, 1.0
+NOT_CHECKED = "not checked", 0.0, COARSE
 
 
 class SweepCheck:
@@ -53,7 +53,7 @@ class SweepCheck:
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * self._rate
         if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
             self._strength = near[1]
-            return "verified", expected, _TOLERANCE
+            return "verified", expected, TOLERANCE
         offset = offset_s * self._rate
         peak, significance, alone = self._finder.correlate(samples, expected + offset)
         delay = float((peak if peak < self._n // 2 else peak - self._n) - offset)
@@ -63,10 +63,10 @@ class SweepCheck:
         if near is not None and not (present and abs(delay - expected - near[0]) > 2.5 + moved):
             self._strength = near[1]
             # at the end of the filters' reach it may be the flank of a sweep up to a sample farther away
-            tolerance = _COARSE if abs(near[0]) >= 2 else _TOLERANCE
+            tolerance = COARSE if abs(near[0]) >= 2 else TOLERANCE
             return ("contradicted" if near[0] else "verified"), expected + near[0], tolerance
-        if not present or moved > _COARSE:  # a half sweep's peak alone shows no timing of a fast target
-            return "undetermined", 0.0, _COARSE
+        if not present or moved > COARSE:  # a half sweep's peak alone shows no timing of a fast target
+            return "undetermined", 0.0, COARSE
         self._finder.quality_db = 10.0 * np.log10(significance)
         inside = sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5
-        return ("verified" if inside else "contradicted"), delay, _COARSE
+        return ("verified" if inside else "contradicted"), delay, COARSE
