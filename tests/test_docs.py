@@ -251,12 +251,7 @@ def _what_guarding_costs(rows):
             "evm",
             _break_points,
         ),
-        (
-            ("docs/sweeps.md",),
-            r"between ([\d.]+) dB higher .*? and ([\d.]+) dB lower",
-            "sweeps",
-            _to_whitening,
-        ),
+        (("docs/sweeps.md",), r"([\d.]+) dB higher.*?([\d.]+) dB lower", "sweeps", _to_whitening),
         (("docs/leaving_out.md",), r"takes (\d+) to (\d+) times the CPU", "leaving_out", _cpu_ratios),
         (
             ("docs/stability.md",),
