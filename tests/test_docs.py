@@ -232,7 +232,7 @@ def _what_guarding_costs(rows):
         for r in rows
         if r["known_limit"] == "0"
     }
-    kinds = ("jammed", "terrain", "step", "altimeter", "pull_off")
+    kinds = ("jammed", "land_jammed", "step", "altimeter", "pull_off")
     return [at[kind, method] for kind in kinds for method in ("none", "tcae")]
 
 
