@@ -138,7 +138,7 @@ def allowed(path: tuple[str, ...], hint: object) -> str:
         except SceneError as error:
             words = re.search(
                 r"(?:(?:have|has) to be|expected|allowed:|choose|is outside|is not one of|use(?= [\d-])|; (?=0 for)) "
-                r"?(?:one of |a |whole |number )*([^;]+)",
+                r"?(?:one of |a |whole |number )*((?:(?!: did you mean)[^;])+)",
                 str(error),
             )
             if words and (path[-1] in str(error) or isinstance(value, str)):

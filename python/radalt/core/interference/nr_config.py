@@ -79,7 +79,7 @@ class NrConfig(Settings, where="nr"):
             raise ValueError(
                 f"channel_bandwidth_hz {self.channel_bandwidth_hz:g} is not supported with subcarrier_spacing_hz "
                 f"{self.subcarrier_spacing_hz:g}; choose one of "
-                f"{', '.join(f'{hz / 1e6:g}e6' for hz in carriers)}"
+                f"{', '.join(f'{hz / 1e6:g}e6' for hz in carriers)}{' (30e3: to 100e6)' * (100e6 not in carriers)}"
             )
         seq.check_cell_id(self.cell_id)
         if self.modulation not in MODULATIONS:
