@@ -97,7 +97,7 @@ class Mitigation(ABC):
         gives a frame of NaN and does not touch the state, so the frame after it is right again. ``quality`` is (n,)
         of `QUALITY_DTYPE` where the frames' is known already.
         """
-        frames = np.asarray(frames, dtype=np.complex64)
+        frames = np.asarray(frames, dtype=np.complex64, order="C")
         if frames.ndim not in (1, 2) or frames.shape[-1] != self.waveform.samples_per_frame:
             raise MitigationError(
                 f"{self.name}: frames have shape {frames.shape}; expected (n, {self.waveform.samples_per_frame})"

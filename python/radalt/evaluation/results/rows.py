@@ -88,7 +88,7 @@ class Columns:
                 reader = csv.DictReader(file)
                 if tuple(reader.fieldnames or ()) == self.names:
                     return [self.row({k: v or None for k, v in row.items()}) for row in reader]
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, csv.Error) as error:
             raise InputError(f"{path}: not readable as rows ({error}); make them with {command}") from None
         raise InputError(f"{path}: other columns than those of its rows; make them with {command}")
 

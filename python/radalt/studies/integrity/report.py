@@ -87,7 +87,10 @@ def write_report(
     from .figures import draw_land, draw_sir, draw_stanford
 
     rows = tables["rows"]
-    flown = [*study.earlier(), *rows]
+    # a flight in two files counts once; of those without an altitude nothing shows that they are the same
+    same = [name for name in ROWS.names if name not in ROWS.timing]
+    each = enumerate([*study.earlier(), *rows])
+    flown = [*{(*map(row.get, same), row["largest_m"] or k): row for k, row in each}.values()]
     by_case = pooled(rows, lambda r: (r["case"], r["method"]))
     events = events_of(rows, study)
     by_kind = _by_kind(rows)

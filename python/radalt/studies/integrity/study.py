@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core.altimeter.altimeter import RESULT_DTYPE, AltimeterSettings, Spectra, shared_altimeter
 from ...core.altimeter.frame_quality import FrameQuality
+from ...core.parsing import InputError
 from ...core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ...evaluation.engine.chain_study import ChainStudy
 from ...evaluation.engine.study import Point
@@ -174,8 +175,24 @@ class IntegrityStudy(ChainStudy):
         return known | {"tracker": dataclasses.asdict(TRACKER)}
 
     def earlier(self) -> list[dict[str, Any]]:
-        """Rows of the flights in `pool`; raises InputError, one line, where a file has none."""
-        return [row for path in self.pool for row in ROWS.read(path, "radalt integrity")]
+        """Rows of the flights in `pool`; raises InputError, one line, where a file has other ones."""
+        out = []
+        for path in self.pool:
+            for row in ROWS.read(path, "radalt integrity"):
+                try:
+                    whole = case_of(row["case"]).kind == row["kind"] and row["method"]
+                    counts = ROWS.whole.intersection(ROWS.names) | (
+                        {"altitude_m"} if row["kind"] in LONG else set()
+                    )
+                    whole = whole and all(row[name] >= 0 for name in counts)
+                except (TypeError, ValueError):  # an empty cell, another case
+                    whole = False
+                if not whole:
+                    raise InputError(
+                        f"{path}: a row of case {row['case'][:60]!r} is not one of radalt integrity"
+                    )
+                out.append(row)
+        return out
 
     def points(self) -> Sequence[IntegrityPoint]:
         """The first flight of every case, then the second, and so on; cases in an order that mixes the kinds."""
