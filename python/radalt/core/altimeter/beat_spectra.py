@@ -201,7 +201,7 @@ class BeatSpectra:
         """Transform ``(n, 2, outputs)`` complex64 dechirped, decimated half sweeps, which are overwritten."""
         w = self.waveform
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            rails = low.view(np.float32).reshape(len(low), -1)
+            rails = low.view(np.float32).reshape(len(low), 2 * low.shape[1] * low.shape[2])
             scale = np.maximum(rails.max(axis=1), -rails.min(axis=1))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
             safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))

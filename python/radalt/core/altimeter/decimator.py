@@ -101,4 +101,4 @@ class Decimator:
         out = share[:, terms - 1 :, 0].copy()
         for k in range(1, terms):
             out += share[:, terms - 1 - k : rows - k, k]
-        return np.ascontiguousarray(out.reshape(count, blocks, -1)[..., : self.outputs])
+        return np.ascontiguousarray(out.reshape(count, blocks, out.shape[1] * self._run)[..., : self.outputs])
