@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from hostile import draw_nothing
 from waiting import ran_python
 
 import radalt
@@ -36,6 +37,7 @@ def ten_lines(root, tmp_path_factory):
     few["out"] = tmp_path_factory.mktemp("evaluate") / "run"
     names = {"__name__": "__main__"}
     with pytest.MonkeyPatch.context() as patch:
+        draw_nothing(patch)
         patch.setitem(vars(radalt), "evaluate", lambda *a, **k: evaluate(*a, **{**k, **few}))
         patch.setitem(vars(radalt), "simulate", lambda *a, **k: simulate(*a, **{**k, "frames": 20}))
         exec(compile((root / "examples/ten_lines.py").read_text("utf-8"), "ten_lines.py", "exec"), names)
@@ -166,7 +168,7 @@ def test_what_does_not_fit_is_one_line(call, message, monkeypatch, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_report_in_memory_has_the_rows_of_a_folder_whatever_numpy_is_told(tmp_path, monkeypatch):
+def test_a_report_in_memory_has_the_rows_of_a_folder_whatever_numpy_is_told(tmp_path, monkeypatch, undrawn):
     """And nothing is written."""
     monkeypatch.chdir(tmp_path)
     scene = {"interference": {"nr": {}}, "channel": {"snr_db": 10.0}, "altitude": {"programme_m": [90.0]}}
