@@ -6,7 +6,6 @@ from scipy.linalg import blas
 
 from ..waveform import altitude_to_delay_s
 from .leakage import REACH_M, LeakageCanceller
-from .segmenter_settings import SegmenterSettings
 from .sweep_check import COARSE, TOLERANCE
 from .sweep_finder import ALONE, SweepFinder
 
@@ -25,8 +24,9 @@ class LeakageTiming:
     ``canceller``: aligned with the timing that is assumed; ``finder``: of the same sweep.
     """
 
-    def __init__(self, canceller: LeakageCanceller, settings: SegmenterSettings, finder: SweepFinder) -> None:
-        self.canceller, self._settings, self._finder = canceller, settings, finder
+    def __init__(self, canceller: LeakageCanceller, finder: SweepFinder) -> None:
+        self.canceller, self._finder = canceller, finder
+        self._present = 0.6 * finder.settings.lock_threshold
         w = canceller.waveform
         self._rate, self._n = w.rate_hz, w.samples_per_frame
         self._last: tuple | None = None
@@ -132,7 +132,7 @@ class LeakageTiming:
         unlike = np.abs(like - 1.0)
         lag = int(np.argmin(unlike))
         top = float(power[lag])
-        if unlike[0] < _UNLIKE or unlike[lag] >= _UNLIKE or top < 0.6 * self._settings.lock_threshold * mean:
+        if unlike[0] < _UNLIKE or unlike[lag] >= _UNLIKE or top < self._present * mean:
             return None
         flank = np.arange(-_FLANK, _FLANK + 1)
         if float(power[(lag + flank) % n].max()) > ALONE * top:  # the flank of a stronger return
