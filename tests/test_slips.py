@@ -227,11 +227,7 @@ def test_hidden_sweeps_leave_the_timing_unverified():
     """Nothing can be noticed in frames that do not show the sweep: the status says so after fifty."""
     programme = Programme((300.0,), frames_per_step=130)
     samples = received(programme, False, 10.0, 4)
-    rng = np.random.default_rng(4)
-    hidden = samples[40 * N :]
-    hidden += 100.0 * (rng.standard_normal(hidden.size) + 1j * rng.standard_normal(hidden.size)).astype(
-        np.complex64
-    )
+    hide(samples, 40, samples.size // N)
     segmenter = FrameSegmenter(W, programme)
     segmenter.push(samples[: 80 * N])
     assert segmenter.timing_verified
