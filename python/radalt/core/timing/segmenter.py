@@ -325,7 +325,7 @@ class FrameSegmenter:
             if near is not None or seen_before or due:
                 found = self._check.verdict(samples, sent, self._offset_s, near)
         if self._leakage is not None:
-            found = self._leakage.verdict(found, slip, sent, samples)
+            found = self._leakage.verdict(found, slip, sent)
         shown = found[0] in ("verified", "contradicted")
         self._unseen = 0 if shown else self._unseen + 1
         known = sent is not None or slip == 0.0
