@@ -281,10 +281,7 @@ def test_decimated_half_sweeps_are_the_plain_convolution_and_alone_what_they_are
 
 @pytest.mark.parametrize(("shown", "snr_db"), [("edges", 10.0), ("pieces", -10.0)])
 def test_return_of_which_a_method_left_edges_or_pieces_is_read_at_its_peak(shown, snr_db):
-    """Two slits of a sweep make side lobes nearly as high as the peak, two cells (20 m) next to it: none is taken.
-
-    Those of five pieces fill a quarter of the band, which is no noise that hides the peak.
-    """
+    """Two slits make side lobes nearly as high as the peak 20 m away; those of five pieces are no coloured noise."""
     rng = np.random.default_rng(8)
     altitudes = rng.uniform(30, 1470, 200)
     frames = frames_of("true_delay", altitudes) + noise((200, 7500), snr_db, rng)
