@@ -11,7 +11,7 @@ import numpy as np
 from ...core.altimeter.altimeter import AltimeterSettings
 from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
-from ...core.parsing import InputError, build, load_yaml, plain
+from ...core.parsing import InputError, Settings, build, load_yaml, plain, setting
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
 from ...core.returns.terrain import AircraftState, TerrainReturn, Trajectory, reflectivity
@@ -21,23 +21,19 @@ from ...core.waveform import Waveform
 
 
 @dataclass(frozen=True)
-class ApproachSpec:
+class ApproachSpec(Settings, where="approach"):
     """Figure 1: the whole approach at one interference level."""
 
-    frames: int = 400  # frames measured, evenly spread over the flight; 0 leaves the part out
+    frames: int = setting(
+        400, 0, 2_000_000
+    )  # frames measured, evenly spread over the flight; 0 leaves the part out
     sir_db: float = -15.0  # SIR, also that of the sensitivity table
-    overlap: float = 1.0  # active fraction of the frame
-    chunk: int = 50  # frames per point; methods are reset at the start of each
-
-    def __post_init__(self) -> None:
-        if self.frames < 0 or self.chunk < 1:
-            raise ValueError(f"approach.frames is {self.frames} and chunk {self.chunk}; at least 0 and 1")
-        if not 0 <= self.overlap <= 1:
-            raise ValueError(f"approach.overlap is {self.overlap:g}; it has to be within 0..1")
+    overlap: float = setting(1.0, 0.0, 1.0)  # active fraction of the frame
+    chunk: int = setting(50, 1, 2_000_000)  # frames per point; methods are reset at the start of each
 
 
 @dataclass(frozen=True)
-class LandingConfig:
+class LandingConfig(Settings, where="landing"):
     """Settings of the study.
 
     ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation. With ``doppler:
@@ -47,7 +43,7 @@ class LandingConfig:
     """
 
     name: str = "landing"
-    seed: int = 1
+    seed: int = setting(1, 0, 2**31 - 1)
     trajectory: TrajectorySpec = TrajectorySpec()
     terrain: TerrainSpec = TerrainSpec()
     antenna: AntennaSpec = AntennaSpec()
@@ -61,20 +57,15 @@ class LandingConfig:
     snr_db: float | None = None
     doppler: bool = True
     point_target: bool = False
-    looks: int = 1
+    looks: int = setting(1, 1, 64)
     approach: ApproachSpec = ApproachSpec()
-    sensitivity_trials: int = 120
+    sensitivity_trials: int = setting(120, 0, 1_000_000)
     folder: str = ""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.methods:
             raise ValueError("methods is empty; name at least one, such as none")
-        if self.sensitivity_trials < 0:
-            raise ValueError(f"sensitivity_trials is {self.sensitivity_trials}; it has to be 0 or above")
-        if not 1 <= self.looks <= 64:
-            raise ValueError(f"looks is {self.looks}; it has to be within 1..64")
-        if not 0 <= self.seed < 2**31:
-            raise ValueError(f"seed is {self.seed}; it has to be within 0..2^31-1")
 
     @property
     def spec(self) -> LandingSpec:
