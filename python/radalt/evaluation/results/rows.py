@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -96,7 +96,3 @@ class Columns:
         if value is None:
             return ""
         return str(value) if name in self.text or name in self.whole else f"{float(value):.9g}"
-
-    def subset(self, names: Sequence[str]) -> "Columns":
-        """The named columns, in the given order."""
-        return Columns(tuple(names), self.text, self.whole, self.timing)
