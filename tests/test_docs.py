@@ -232,7 +232,7 @@ def _held(number):
     else:
         found = _groups(place["table"], place["by"], place.get("where", {}))
     texts = [re.sub(r"r\[([^]{]+)\]\[(\w+)\]", r'r["\1"]["\2"]', _packed(text)) for text in place["texts"]]
-    names = {"r": found, "short": lambda share: f"{share:.2f}".removeprefix("0")}
+    names = {"r": found, "short": lambda share, digits=2: f"{share:.{digits}f}".removeprefix("0")}
     return [re.sub(r"(?<=\d)%", " %", eval(f"f'''{text}'''", names)) for text in texts]
 
 
