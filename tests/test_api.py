@@ -85,6 +85,9 @@ del signal.pthread_sigmask
 sys.modules["msvcrt"] = types.SimpleNamespace(locking=lambda *a: None, LK_NBLCK=2)  # what Windows has instead of fcntl
 import radalt
 assert {n for n in dir(radalt) if n[0] != "_"} == set(radalt.__all__)
+sys.path.append("../tests")
+import hostile
+hostile.draw_nothing(types.SimpleNamespace(setattr=setattr))
 report = radalt.evaluate("clear", "none", altitude_m=100, frames=4, out=sys.argv[1], progress=False)
 radalt.method("hybrid", radalt.Waveform())
 assert report.table[0]["pd"] == 1.0 and report.html.is_file()

@@ -45,11 +45,7 @@ def test_power_is_that_of_friis_of_two_rays_and_of_none_beyond_the_horizon():
     ("old", "new", "message"),
     [
         ("nr100_4100", "nr10", "interferer is 'nr10'; allowed: nr100_3750"),
-        (
-            "glide_path_deg: 3.0",
-            "glide_path_deg: 30.0",
-            "approach.glide_path_deg is 30; it has to be within 0.5..10",
-        ),
+        ("glide_path_deg: 3.0", "glide_path_deg: 30.0", "approach.glide_path_deg is 30; .* within 0.5..10"),
         ("base_station.csv", "nobody.csv", "nobody.csv"),
     ],
 )
@@ -66,9 +62,8 @@ def test_an_approach_says_what_broke_where(tmp_path, measured_here, undrawn):
     (tmp_path / "base_station.csv").write_text((SHIPPED.parent / "base_station.csv").read_text())
     text = SHIPPED.read_text().replace("step_m: 400.0", "step_m: 3000.0")
     for name, eirp in (("allowed", "65.0"), ("loud", "135.0")):
-        (tmp_path / f"{name}.yaml").write_text(
-            text.replace("eirp_dbm_per_mhz: 65.0", f"eirp_dbm_per_mhz: {eirp}")
-        )
+        stations = text.replace("eirp_dbm_per_mhz: 65.0", f"eirp_dbm_per_mhz: {eirp}")
+        (tmp_path / f"{name}.yaml").write_text(stations)
         options = f"--profile poor --approach {tmp_path / name}.yaml --outputs 20 --jobs 1".split()
         assert main([*options, "--out", str(tmp_path / name)]) == 0
         rows = list(csv.DictReader((tmp_path / name / "rows.csv").open()))
