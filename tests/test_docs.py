@@ -232,7 +232,7 @@ def _held(number):
     else:
         found = _groups(place["table"], place["by"], place.get("where", {}))
     texts = [re.sub(r"r\[([^]{]+)\]\[(\w+)\]", r'r["\1"]["\2"]', _packed(text)) for text in place["texts"]]
-    names = {"r": found, "short": lambda share: f"{share:.2f}".removeprefix("0")}
+    names = {"r": found, "short": lambda share, digits=2: f"{share:.{digits}f}".removeprefix("0")}
     return [re.sub(r"(?<=\d)%", " %", eval(f"f'''{text}'''", names)) for text in texts]
 
 
@@ -298,7 +298,7 @@ def test_every_link_leads_to_a_file_and_a_heading(root):
 
 def test_every_test_of_the_safety_case_exists(root):
     """`file::test`, or `::test` of the file named before."""
-    found = re.findall(r"`(\w+\.py)?::(\w+)`", (root / "docs/hardware.md").read_text(encoding="utf-8"))
+    found = re.findall(r"`(\w+\.py)?::(\w+)`", (root / "docs/safety.md").read_text(encoding="utf-8"))
     assert len(found) > 30
     named = None
     for file, test in found:
