@@ -74,10 +74,9 @@ def test_a_base_is_a_file_beside_or_a_shipped_profile(tmp_path):
 
 
 def test_levels_by_hand():
-    """0.4 W, 10 dBi, 3 dB of cable: 1 dBm/MHz at the port is 1 - 30 - 10 + 34.13 + 3 dBW/m2/MHz in the air."""
+    """0.4 W, 10 dBi, 3 dB of cable: 0 dBm/MHz at the port is -30 - 10 + 34.13 + 3 dBW/m2/MHz in the air."""
     profile = load_profile("fmcw_150mhz")
     aperture = 10 * np.log10((299_792_458 / 4.3e9) ** 2 / (4 * np.pi))
-    assert profile.flux_dbw_per_m2_mhz(1.0) == pytest.approx(1 - 30 - 10 - aperture + 3)
     assert profile.transmit_dbm == pytest.approx(26.02, abs=0.01)
     assert 10 * np.log10(profile.noise_mw_per_hz) == pytest.approx(-173.98 + 8, abs=0.01)
     # over diffuse ground the loss grows with the square of the height
@@ -86,6 +85,7 @@ def test_levels_by_hand():
     assert profile.preselector_loss_db(3.93e9) == pytest.approx(10 * np.log10(1 + 3.7**6))
     tone, noise = INTERFERERS["tone"], INTERFERERS["white_noise"]
     assert tone.density_dbm_per_mhz(profile, 0.0) == pytest.approx(-10 * np.log10(150))
+    assert tone.flux_dbw_per_m2_mhz(profile, 10 * np.log10(150)) == pytest.approx(-30 - 10 - aperture + 3)
     width_mhz = profile.noise_bandwidth_hz / 1e6
     assert noise.density_dbm_per_mhz(profile, 0.0) == pytest.approx(-10 * np.log10(width_mhz))
 
