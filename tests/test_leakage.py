@@ -73,9 +73,8 @@ def test_frames_are_right_beside_40_db_of_leakage_and_20_db_of_landing_gear(spee
     rng = np.random.default_rng(1)
     leakage = line(40.0, 1.0) + line(20.0, 4.5)
     altitude_m = np.repeat([10.0, 30.0, 100.0, 300.0, 1000.0], 8)
-    ground = point_return(
-        W, altitude_m, vertical_speed_m_per_s=np.full(40, speed), phase_cycles=rng.random(40)
-    )
+    speeds, phases = np.full(40, speed), rng.random(40)
+    ground = point_return(W, altitude_m, vertical_speed_m_per_s=speeds, phase_cycles=phases)
     received = ground + leakage + noise(rng, 40, -10.0)
     altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0))
 
@@ -314,6 +313,15 @@ def test_leakage_is_located_by_what_the_ground_cannot_be_if_that_is_enough(level
     assert [timing.slip(frame, 0, (ground_m, 0.0)) for frame in frames] == [3.0] * 6
 
 
+def test_leakage_a_sample_off_its_place_does_not_verify_the_timing_of_a_narrow_sweep():
+    """Half as wide as the sampled band, it is two samples wide, and more than half like itself a sample off."""
+    w = Waveform(bandwidth_hz=5e6, rate_hz=10e6)
+    leakage = (10.0 * point_return(w, 1.0)).astype(np.complex64)
+    known = LeakageCanceller(LeakageCalibration.measured(w, np.tile(leakage, (20, 1))))
+    timing = FrameSegmenter(w, None, true_delay=True, leakage=known)._leakage
+    assert timing.slip(leakage) == 0.0 != timing.slip(np.roll(leakage, 1))
+
+
 def test_a_return_is_no_leakage_to_take_timing_on():
     canceller = LeakageCanceller(LeakageCalibration.measured(W, np.tile(line(0.0, 1.0), (20, 1))))
     segmenter = FrameSegmenter(W, None, true_delay=True, leakage=canceller)
@@ -349,9 +357,8 @@ def tracked(
     tracker, out = AltitudeTracker(altimeter, settings), []
     for block in range(blocks):
         at = altitude_m + speed * 1e-3 * (np.arange(40) + 40 * block)
-        frames = (
-            point_return(W, at, vertical_speed_m_per_s=np.full(40, speed)) + leakage + noise(rng, 40, 10.0)
-        )
+        ground = point_return(W, at, vertical_speed_m_per_s=np.full(40, speed))
+        frames = ground + leakage + noise(rng, 40, 10.0)
         out.append(tracker.process(altimeter.spectra(canceller.subtract(frames) if canceller else frames)))
     ends = altitude_m + speed * 1e-3 * (40 * np.arange(1, blocks + 1) - 0.5)
     return np.concatenate(out), ends
@@ -430,9 +437,8 @@ def test_installation_delay_is_calibrated_and_subtracted():
 
 def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path):
     found = LeakageCalibration.measured(W, np.tile(line(30.0, 1.0), (20, 1)))
-    path = store_leakage(
-        dataclasses.replace(found, installation_delay_m=-0.97), tmp_path / "new" / "mine.yaml"
-    )
+    found = dataclasses.replace(found, installation_delay_m=-0.97)
+    path = store_leakage(found, tmp_path / "new" / "mine.yaml")
     again = load_leakage(path, W)
     assert again.installation_delay_m == -0.97
     np.testing.assert_allclose(again.coefficients, found.coefficients, rtol=1e-5)

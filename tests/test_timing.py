@@ -132,9 +132,8 @@ def test_a_frame_is_checked_against_the_return_of_a_point(waveform, offset):
     for altitude_m, rate in ((0.0, 0.0), (100.0, -10.0), (1500.0, 40.0)):
         expected = finder.expected_frame(altitude_m, rate, offset_s)
         at_m = altitude_m + delay_to_altitude_m(offset_s)
-        assert (
-            abs(np.vdot(expected, point_return(waveform, at_m, vertical_speed_m_per_s=rate))) > 0.99 * N**0.5
-        )
+        returned = point_return(waveform, at_m, vertical_speed_m_per_s=rate)
+        assert abs(np.vdot(expected, returned)) > 0.99 * N**0.5
 
 
 def test_frame_index_is_the_sweep_number_of_the_transmitter():
@@ -150,9 +149,8 @@ def test_weak_signal_is_acquired_as_well(snr_db):
     run = play(Programme((300.0,), 5), ChannelSettings(snr_db=snr_db), 3)
     frame = run.frames[-1]
     measured = frame.start_sample - frame.index * N + frame.offset_s * W.rate_hz
-    assert measured == pytest.approx(
-        run.channel.latency_samples, abs=0.003 * 10 ** (-(snr_db - 20) / 20) + 0.003
-    )
+    within = 0.003 * 10 ** (-(snr_db - 20) / 20) + 0.003
+    assert measured == pytest.approx(run.channel.latency_samples, abs=within)
 
 
 def test_noise_alone_is_never_locked_on():

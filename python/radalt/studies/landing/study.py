@@ -16,8 +16,6 @@ from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
 from .points import TABLES, LandingPoint, point_rows, study_points
 
-__all__ = ["LandingStudy"]
-
 
 @dataclass(frozen=True)
 class LandingStudy(Study):
@@ -37,13 +35,13 @@ class LandingStudy(Study):
         return "tcae" in self.config.methods
 
     def check(self) -> None:
-        """See `Study`; raises `SceneError`, `MitigationError`, `TerrainError`, `TrajectoryError`, `StudyError`."""
+        """See `Study`; raises `SceneError`, `MitigationError`, `TerrainError`, `TrajectoryError`, `InputError`."""
         check_methods(self.config)
         check_config(self.config)
 
     def head(self) -> dict[str, Any]:
         """The study's settings, and hashes of the files of its landing."""
-        paths = self.config.spec.files().values()
+        paths = self.config.files().values()
         return {
             "name": self.config.name,
             "seed": self.config.seed,
@@ -62,17 +60,11 @@ class LandingStudy(Study):
 
     def files(self) -> dict[str, Path]:
         """Flight, terrain, antenna pattern, models and method files."""
-        return self.config.spec.files() | method_files(self.config)
+        return self.config.files() | method_files(self.config)
 
     def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
         """See `Study`."""
-        config, spec = self.config, self.config.spec.with_files(files)
-        own = {name: path for name, path in files.items() if name not in spec.files()}
-        changed = dataclasses.replace(
-            config,
-            trajectory=spec.trajectory,
-            terrain=spec.terrain,
-            antenna=spec.antenna,
-            method_options=with_option_files(config.method_options, own),
-        )
-        return LandingStudy(changed)
+        config = self.config.with_files(files)
+        own = {name: path for name, path in files.items() if name not in self.config.files()}
+        options = with_option_files(config.method_options, own)
+        return LandingStudy(dataclasses.replace(config, method_options=options))
