@@ -221,7 +221,7 @@ def test_a_wrong_list_is_one_line(tmp_path, change, said):
     assert status == 2 and said in errors and errors.count("\n") <= 1
 
 
-def test_an_own_method_enters_and_rows_of_other_frames_are_refused(
+def test_own_methods_enter_and_rows_of_other_frames_are_refused(
     tmp_path, monkeypatch, measured_here, undrawn
 ):
     """As a user would: the shipped methods first, then a file of one's own against their rows."""
@@ -280,9 +280,7 @@ def test_what_is_ambiguous_is_wrong_nearly_as_often_as_right():
                 right = np.abs(found["forced_altitude_m"] - frames.truth_m) < case.limit_m
                 valid, could = found["valid"], found["reason"] == Reason.AMBIGUOUS
                 each = right.size, valid & right, valid & ~right, could & right, could & ~right
-                counts[method, allowed] = counts.get((method, allowed), 0) + np.array(
-                    [np.sum(x) for x in each]
-                )
+                counts[method, allowed] = counts.get((method, allowed), 0) + np.array([*map(np.sum, each)])
     for (method, allowed), (trials, right, wrong, *could) in counts.items():
         shares = np.array([right + could[0], right, wrong + could[1], wrong]) / trials
         print(f"| {method} | {allowed:g} m/s | " + " | ".join(f"{share:.3f}" for share in shares) + " |")

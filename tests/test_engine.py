@@ -61,9 +61,7 @@ class Coins(Study):
         chance = float(point.name.split()[1])
         rng = np.random.default_rng([self.seed, round(1e6 * chance)])
         right = int((rng.random(point.frames) < chance).sum())
-        score = Score(
-            point.frames, point.frames, right, point.frames, squared_detected_m2=1 / 3 * point.frames
-        )
+        score = Score(point.frames, point.frames, right, point.frames, squared_detected_m2=point.frames / 3)
         return [{"coin": point.name} | score.row()]
 
     def report(self, folder, rows, how):
@@ -133,12 +131,8 @@ def test_a_dry_run_checks_the_folder(tmp_path, capsys, name, said):
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("jobs", "left_s"), [(1, [None, 30.0, 20.0, 10.0, 0.0]), (2, [None, 50 / 3, 12.0, 30 / 7, 0.0])]
-)
-def test_the_remaining_time_is_known_when_frames_have_been_timed(
-    tmp_path, measured_here, monkeypatch, jobs, left_s
-):
+@pytest.mark.parametrize(("jobs", "left_s"), [(1, [None, 30, 20, 10, 0]), (2, [None, 50 / 3, 12, 30 / 7, 0])])
+def test_remaining_time_is_known_once_frames_are_timed(tmp_path, measured_here, monkeypatch, jobs, left_s):
     """Points of equal length, one after the other every 10 s; a second worker is halfway through the next."""
     seen, clock = [], itertools.count(0.0, 10.0)
     monkeypatch.setattr("radalt.evaluation.engine.run.time.monotonic", lambda: next(clock))
@@ -165,7 +159,7 @@ def test_options_that_do_not_fit_are_one_line_and_status_2(capsys, arguments, ex
 
 
 @pytest.mark.parametrize(
-    ("sent", "status", "said"), [(signal.SIGINT, 130, "stopped"), (signal.SIGTERM, 143, "terminated")]
+    ("sent", "status", "said"), [("SIGINT", 130, "stopped"), ("SIGTERM", 143, "terminated")]
 )
 def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sent, status, said):
     code = (
@@ -184,7 +178,7 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
     wait_for((tmp_path / "run" / "run.json").exists, "run.json", process=process)
     time.sleep(1.0)
     # Ctrl-C reaches the whole group, a batch system's SIGTERM the program
-    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
+    os.killpg(process.pid, signal.SIGINT) if sent == "SIGINT" else process.terminate()
     _, err = end_of(process)
     assert process.returncode == status
     assert f"coins: {said}; 0 of " in err and " points are kept, go on with: " in err

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from frames import N
 from scipy import stats
 
-from radalt.core.altimeter.altimeter import Altimeter
+from radalt import Altimeter, Waveform
 from radalt.core.altimeter.altimeter_settings import AltimeterSettings
 from radalt.core.channel.noise import ReceiverNoise
-from radalt.core.waveform import Waveform
 
-N = 7500
 BLOCKS = 200
 
 

@@ -94,12 +94,6 @@ def test_resume_refuses_other_options_in_one_line(whole, capsys):
     assert (whole[0] / "rows.csv").read_bytes() == before
 
 
-def test_methods_may_name_ones_own(root, capsys):
-    own = root / "flowgraphs/own_method.py"
-    assert ota_eval.main(["--sim", "--plan", "--methods", "none,mine", "--method-file", f"mine={own}"]) == 0
-    assert "  methods none, mine: asked for" in capsys.readouterr().out
-
-
 def one_line(capsys) -> str:
     err = capsys.readouterr().err
     assert err.startswith("ota_eval: ") and err.count("\n") == 1 and err.endswith("\n")
