@@ -118,9 +118,7 @@ def test_what_does_not_fit_is_one_line_and_code_2(capsys, monkeypatch, tmp_path,
     assert not list(tmp_path.iterdir())  # nothing is left behind
 
 
-def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(
-    whole, tmp_path, measured_here, undrawn
-):
+def test_a_tracked_run_has_the_same_rows_and_scores_a_slow_flight(whole, tmp_path, measured_here, undrawn):
     """Ten outputs at each of two altitudes; the first three after a step confirm the track. No noise to be wrong in."""
     folder = tmp_path / "tracked"
     options = "--methods none,whitening,lms --overlap 0 --sir-db=-28 --altitudes 600,40 --frames 3 --jobs 1"

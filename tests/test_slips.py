@@ -124,9 +124,7 @@ def segmented(stream: Stream, seed: int) -> tuple[list[Seen], FrameSegmenter]:
     return seen, segmenter
 
 
-def silently_wrong(
-    stream: Stream, seen: list[Seen], in_all: int, results: np.ndarray | None = None
-) -> list[tuple[int, float]]:
+def silently_wrong(stream: Stream, seen: list[Seen], in_all: int, results: np.ndarray | None = None):
     """Frames (index, error) with a valid altitude more than 5 m off, of which no status spoke within 50 frames."""
     if not seen:
         return []

@@ -164,12 +164,8 @@ def test_doppler_width_matches_theory():
     metres_per_deg = 6378137.0 * np.pi / 180 * np.cos(np.radians(41.97)) * 1.0015
     for seed in range(60):
         path = TerrainReturn(FlatTerrain(200.0), WAVE, antenna, ground, grid=GroundGrid(seed))
-        frames = [
-            path(
-                AircraftState(0.0, 41.97, -87.95 + speed * dt / metres_per_deg, 400.0, (speed, 0.0, 0.0))
-            ).frame
-            for dt in (0.0, step_s)
-        ]
+        lons = (-87.95 + speed * dt / metres_per_deg for dt in (0.0, step_s))
+        frames = [path(AircraftState(0.0, 41.97, lon, 400.0, (speed, 0.0, 0.0))).frame for lon in lons]
         products += np.vdot(frames[0], frames[1])
         energy += 0.5 * sum(np.vdot(f, f).real for f in frames)
     measured = np.sqrt(-np.log(np.abs(products) / energy) / 2) / (np.pi * step_s)
