@@ -19,10 +19,7 @@ from radalt.bench.lists import find_list, load_list
 from radalt.bench.paired import curves, paired
 from radalt.bench.rows import COLUMNS, read_rows, row_of
 from radalt.bench.turns import TURN_COLUMNS
-from radalt.bench.views.breaks import break_points
-from radalt.bench.views.cost import summaries, summary_table, turns_table
-from radalt.bench.views.levels import levels
-from radalt.bench.views.null import false_altitudes
+from radalt.bench.views import break_points, false_altitudes, levels, summaries, summary_table, turns_table
 from radalt.core.altimeter.altimeter import Reason
 from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError

@@ -210,7 +210,7 @@ def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
 def test_the_pages_have_the_rates_of_the_stored_flights(root):
     rows = ROWS.read(FLOWN, "")
     assert report._hours_table(rows) in (root / "docs/integrity.md").read_text("utf-8")
-    land = report.pooled([r for r in rows if r["kind"] == "land"], lambda r: (r["case"], r["method"]))
+    land = report.pooled((r for r in rows if r["kind"] == "land"), "case", "method")
     assert report._attitude_table(land) in (root / "docs/tracker.md").read_text("utf-8")
 
 

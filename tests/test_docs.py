@@ -21,7 +21,7 @@ from waiting import ran_python
 from radalt.bench.board import stored_rows
 from radalt.bench.lists import load_list
 from radalt.bench.rows import read_rows
-from radalt.bench.views.cost import summaries
+from radalt.bench.views import summaries
 from radalt.core.altimeter.altimeter import Altimeter, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform

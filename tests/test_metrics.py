@@ -49,7 +49,7 @@ def test_a_missing_detection_counts_against_pd_but_not_against_detected_errors()
     error = np.array([0.0, 3.0, -4.0, 300.0, 0.0, 0.0, 6.0, 1.0])
     valid = np.array([1, 1, 1, 0, 1, 1, 1, 1], dtype=bool)
     s = score(results(truth + error, valid=valid), PROGRAMME)
-    assert (s.trials, s.detections, s.correct, s.forced, s.lost) == (8, 7, 6, 8, 0)
+    assert (s.trials, s.detections, s.correct, s.forced, s.frames_lost) == (8, 7, 6, 8, 0)
     assert s.pd == 6 / 8
     assert s.rmse_detected_m == pytest.approx(np.sqrt(np.mean(error[valid] ** 2)))
     assert s.rmse_forced_m == pytest.approx(np.sqrt(np.mean(error**2)))
@@ -87,7 +87,7 @@ def test_only_trials_count_and_frames_that_never_came_out_are_lost():
     index = [5, 7, 7, 8, 10, 14, -1]
     altitude = [0.0, 600.0, 0.0, 600.0, 100.0, 0.0, 600.0]
     s = score(results(altitude, index=index), PROGRAMME)
-    assert (s.trials, s.correct, s.lost) == (3, 3, 5)
+    assert (s.trials, s.correct, s.frames_lost) == (3, 3, 5)
 
 
 def test_a_frame_without_forced_decision_is_left_out_of_its_error_only():
@@ -99,7 +99,7 @@ def test_a_frame_without_forced_decision_is_left_out_of_its_error_only():
 
 def test_without_any_trial_there_is_no_pd():
     s = score(results([]), PROGRAMME)
-    assert (s.trials, s.lost, s.interval) == (0, 8, (0.0, 1.0))
+    assert (s.trials, s.frames_lost, s.interval) == (0, 8, (0.0, 1.0))
     assert np.isnan([s.pd, s.rmse_detected_m, s.rmse_forced_m, s.bias_m]).all()
 
 
@@ -112,7 +112,7 @@ def test_pooled_rows_equal_the_score_of_all_trials_together():
     whole = score(everything, programme)
     halves, at = [], OverlapPoint.at(0.5, -10, 10)
     for part in (everything[:13], everything[13:]):
-        s = replace(score(part, programme), lost=0)
+        s = replace(score(part, programme), frames_lost=0)
         timing = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
         halves.append(make_row("none", "x", at, 1, s.row(), diverged_frames=0, segmenter={}, **timing))
     pooled = pool(halves)

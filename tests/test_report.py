@@ -100,7 +100,7 @@ def head_of(scene, methods=METHODS):
 def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
     """All was measured at -10 dB; at -28 dB the timing was not acquired."""
     scene = scene_of()
-    lost = Score(lost=scene.altitude.programme.trial_frames)
+    lost = Score(frames_lost=scene.altitude.programme.trial_frames)
     rows = []
     points = [point for point in sweep_points(scene) for _ in scene.methods]
     for row, point in zip(rows_of(scene), points, strict=True):

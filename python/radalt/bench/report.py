@@ -8,11 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.altimeter.altimeter import shared_altimeter
 from ..evaluation.results.page import write_result
-from .views.breaks import break_points
-from .views.cost import draw_held, summaries, summary_table, turns_table
-from .views.curves import draw_curves
-from .views.levels import levels
-from .views.null import false_altitudes
+from .views import (
+    break_points,
+    draw_curves,
+    draw_held,
+    false_altitudes,
+    levels,
+    summaries,
+    summary_table,
+    turns_table,
+)
 
 if TYPE_CHECKING:
     from ..evaluation.engine.study import Run

@@ -7,8 +7,8 @@ A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, pr
 - ``assumed``: an assumption of this project, and the source says why.
 """
 
-from dataclasses import dataclass, field, fields
-from functools import cached_property
+from dataclasses import MISSING, dataclass, field, fields
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,7 @@ import numpy as np
 from scipy.constants import Boltzmann, foot
 
 from ..altimeter.altimeter import Altimeter, AltimeterSettings
-from ..parsing import InputError, load_yaml
-from ..parsing.mappings import build
+from ..parsing import InputError, Settings, build, load_yaml, setting
 from ..paths import share_dir
 from ..returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
 from ..returns.terrain.antenna import GaussianAntenna
@@ -31,49 +30,13 @@ from .if_waveform import IfWaveform
 
 PROVENANCES = ("read in source", "secondary", "assumed")
 _TEMPERATURE_K = 290.0
-_WORDS = {
-    "sweep": tuple(SHAPES),
-    "detector": ("fft", "counter", "tracker"),
-    "strategy": ("strongest", "leading_edge"),
-}
 _ACROSS = 64  # frequencies across a carrier of 100 MHz on the preselector's skirt: within 0.01 dB
 _BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
-_LIMITS = {
-    "carrier_hz": _BAND_HZ,
-    "bandwidth_hz": (1e6, 200e6),
-    "period_s": (0.2e-3, 20e-3),
-    "transmit_w": (1e-3, 1e3),
-    "gain_dbi": (-20.0, 40.0),
-    "beamwidth_deg": (1.0, 120.0),
-    "cable_db": (0.0, 30.0),
-    "installation_delay_ft": (0.0, 200.0),
-    "noise_figure_db": (0.0, 30.0),
-    "if_rate_hz": (1e4, 1e8),
-    "if_pass_hz": (1e3, 5e7),
-    "preselector_hz": (1e6, 1e9),
-    "preselector_order": (1, 20),
-    "p1db_dbm": (-80.0, 100.0),
-    "iip3_dbm": (-70.0, 120.0),
-    "iip2_dbm": (-60.0, 200.0),
-    "isolation_db": (20.0, 200.0),
-    "lo_noise_dbc_per_hz": (-200.0, -60.0),
-    "lo_far_noise_dbc_per_hz": (-200.0, -60.0),
-    "recovery_s": (0.0, 1.0),
-    "converter_bits": (4, 24),
-    "headroom_db": (0.0, 60.0),
-    "sweeps_per_output": (1, 1000),
-    "pfa": (1e-12, 0.5),
-    "unlock_loss_db": (60.0, 200.0),
-    "max_altitude_ft": (100.0, 20_000.0),
-    "max_vertical_speed_m_per_s": (0.0, 300.0),
-    "sigma0_db": (-60.0, 40.0),
-    "other_altimeters": (0, 8),
-    "other_coupling_db": (20.0, 150.0),
-}
+number = partial(setting, MISSING)  # a field of a profile: lowest, highest
 
 
 @dataclass(frozen=True)
-class Profile:
+class Profile(Settings, where="altimeter"):
     """A deramping altimeter on an aircraft. The *port* is the receiver's input, behind the receive cable.
 
     - ``carrier_hz``, ``bandwidth_hz``, ``period_s``: centre, width and one whole period of the sweep: up and down of
@@ -98,51 +61,46 @@ class Profile:
 
     name: str
     about: str
-    sweep: str  # ``triangle``, ``sawtooth_up``, ``sawtooth_down``
-    carrier_hz: float
-    bandwidth_hz: float
-    period_s: float
-    transmit_w: float
-    gain_dbi: float
-    beamwidth_deg: float
-    cable_db: float
-    installation_delay_ft: float  # altitude of the installation's own delay, which the altimeter subtracts
-    noise_figure_db: float
-    if_rate_hz: float
-    if_pass_hz: float
-    preselector_hz: float
-    preselector_order: int
-    p1db_dbm: float
-    iip3_dbm: float
-    iip2_dbm: float
-    isolation_db: float
-    lo_noise_dbc_per_hz: float
-    lo_far_noise_dbc_per_hz: float
-    recovery_s: float  # time constant with which the gain comes back after a burst
-    converter_bits: int
-    headroom_db: float
-    sweeps_per_output: int
-    pfa: float
-    unlock_loss_db: float  # loop loss from transmitter to port beyond which there is no computed data
-    max_altitude_ft: float
-    max_vertical_speed_m_per_s: float
-    sigma0_db: float
+    sweep: str = setting(MISSING, among=SHAPES)
+    carrier_hz: float = number(*_BAND_HZ)
+    bandwidth_hz: float = number(1e6, 200e6)
+    period_s: float = number(0.2e-3, 20e-3)
+    transmit_w: float = number(1e-3, 1e3)
+    gain_dbi: float = number(-20.0, 40.0)
+    beamwidth_deg: float = number(1.0, 120.0)
+    cable_db: float = number(0.0, 30.0)
+    installation_delay_ft: float = number(0.0, 200.0)  # that the altimeter subtracts
+    noise_figure_db: float = number(0.0, 30.0)
+    if_rate_hz: float = number(1e4, 1e8)
+    if_pass_hz: float = number(1e3, 5e7)
+    preselector_hz: float = number(1e6, 1e9)
+    preselector_order: int = number(1, 20)
+    p1db_dbm: float = number(-80.0, 100.0)
+    iip3_dbm: float = number(-70.0, 120.0)
+    iip2_dbm: float = number(-60.0, 200.0)
+    isolation_db: float = number(20.0, 200.0)
+    lo_noise_dbc_per_hz: float = number(-200.0, -60.0)
+    lo_far_noise_dbc_per_hz: float = number(-200.0, -60.0)
+    recovery_s: float = number(0.0, 1.0)  # time constant with which the gain comes back after a burst
+    converter_bits: int = number(4, 24)
+    headroom_db: float = number(0.0, 60.0)
+    sweeps_per_output: int = number(1, 1000)
+    pfa: float = number(1e-12, 0.5)
+    unlock_loss_db: float = number(60.0, 200.0)  # transmitter to port: beyond, no computed data
+    max_altitude_ft: float = number(100.0, 20_000.0)
+    max_vertical_speed_m_per_s: float = number(0.0, 300.0)
+    sigma0_db: float = number(-60.0, 40.0)
     """Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up
     land."""
-    other_altimeters: int
-    other_coupling_db: float
-    detector: str = "fft"
+    other_altimeters: int = number(0, 8)
+    other_coupling_db: float = number(20.0, 150.0)
+    detector: str = setting("fft", among=("fft", "counter", "tracker"))
     """``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`)."""
-    strategy: str = "strongest"  # ``strongest`` or ``leading_edge``
+    strategy: str = setting("strongest", among=("strongest", "leading_edge"))
     provenance: dict[str, tuple[str, str]] = field(default_factory=dict)  # by name: (provenance, source)
 
     def __post_init__(self) -> None:
-        for name, allowed in _WORDS.items():
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; allowed: {', '.join(allowed)}")
-        for name, (low, high) in _LIMITS.items():
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}")
+        super().__post_init__()
         if self.detector == "tracker" and self.sweeps_per_output < 8:
             raise ValueError(f"sweeps_per_output is {self.sweeps_per_output}; the tracker needs at least 8")
         if self.detector == "tracker" and self.unlock_loss_db < 200:
@@ -332,7 +290,7 @@ def _built(data: dict[str, Any]) -> Profile:
     numbers, sources = data.pop("numbers", {}), data.pop("sources", {})
     provenance: dict[str, tuple[str, str]] = {}
     values = dict(data)
-    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "provenance"}
+    needed = {f.name for f in fields(Profile) if f.metadata.get("limits")}
     outside = sorted(needed & set(data))
     if outside:
         raise ValueError(f"{outside[0]} stands outside numbers; give it there as [value, provenance, source]")

@@ -3,5 +3,3 @@
 from .emitters.qpsk import QpskEmitter
 from .emitters.tones import ToneEmitter
 from .placement import Emitter, Interferer, interference_frame, interference_frames
-
-__all__ = ["Emitter", "Interferer", "QpskEmitter", "ToneEmitter", "interference_frame", "interference_frames"]

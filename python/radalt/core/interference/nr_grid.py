@@ -114,7 +114,7 @@ def _place_pdcch(
     width = 6 // duration
     cce_count = (config.resource_blocks // 6) * duration
     slots, symbols = np.meshgrid(np.arange(config.slots_per_frame), np.arange(duration), indexing="ij")
-    pilots = seq.pdcch_dmrs(config.cell_id, slots, symbols, config.resource_blocks)
+    pilots = seq.dmrs(config.cell_id, slots, symbols, 3 * config.resource_blocks)
     kinds = np.full(12, Element.PDCCH, dtype=np.uint8)
     kinds[[1, 5, 9]] = Element.PDCCH_DMRS
     for slot in range(config.slots_per_frame):
@@ -181,7 +181,7 @@ def _layers(
     rng: np.random.Generator,
 ) -> np.ndarray:
     """(subcarriers, 14) PDSCH and DM-RS of a slot as received by one antenna: one or two precoded layers."""
-    pilots = seq.pdsch_dmrs(config.cell_id, slot, np.array(dmrs), config.resource_blocks)
+    pilots = seq.dmrs(config.cell_id, slot, np.array(dmrs), 6 * config.resource_blocks)
     pilots = pilots.T * DMRS_AMPLITUDE
     total = np.zeros(data.shape, dtype=np.complex128)
     user = None

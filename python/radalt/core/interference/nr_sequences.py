@@ -111,22 +111,13 @@ def _symbol_c_init(slot: np.ndarray, symbol: np.ndarray, n_id: int) -> np.ndarra
     return (2**17 * (14 * slot + symbol + 1) * (2 * n_id + 1) + 2 * n_id) % 2**31
 
 
-def pdcch_dmrs(cell_id: int, slot: np.ndarray, symbol: np.ndarray, resource_blocks: int) -> np.ndarray:
-    """PDCCH DM-RS r_l(m), clause 7.4.1.3.1, N_ID = cell identity: (..., 3 resource_blocks) complex128.
+def dmrs(cell_id: int, slot: np.ndarray, symbol: np.ndarray, length: int) -> np.ndarray:
+    """DM-RS of PDCCH, r_l(m) of clause 7.4.1.3.1, and PDSCH, r(n) of 7.4.1.1.1 with n_SCID = 0: (..., length).
 
-    `slot` (in the frame) and `symbol` (in the slot) broadcast together to (...,).
+    N_ID is the cell identity; `slot` (in the frame) and `symbol` (in the slot) broadcast together to (...,).
     """
     check_cell_id(cell_id)
-    return gold_qpsk(_symbol_c_init(slot, symbol, cell_id), 3 * resource_blocks)
-
-
-def pdsch_dmrs(cell_id: int, slot: np.ndarray, symbol: np.ndarray, resource_blocks: int) -> np.ndarray:
-    """PDSCH DM-RS r(n), clause 7.4.1.1.1, N_ID = cell identity, n_SCID = 0: (..., 6 resource_blocks).
-
-    `slot` (in the frame) and `symbol` (in the slot) broadcast together to (...,).
-    """
-    check_cell_id(cell_id)
-    return gold_qpsk(_symbol_c_init(slot, symbol, cell_id), 6 * resource_blocks)
+    return gold_qpsk(_symbol_c_init(slot, symbol, cell_id), length)
 
 
 def csi_rs(cell_id: int, slot: int, symbol: int, length: int) -> np.ndarray:

@@ -10,26 +10,3 @@ from .files import check_file, load_yaml, read_bytes, read_csv, read_text
 from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
 from .messages import MINUS, InputError, allowed, check_range, did_you_mean, shown
 from .settings import Settings, setting
-
-__all__ = [
-    "Settings",
-    "setting",
-    "LARGEST",
-    "MINUS",
-    "InputError",
-    "allowed",
-    "arguments",
-    "build",
-    "check_file",
-    "check_range",
-    "convert",
-    "did_you_mean",
-    "load_yaml",
-    "plain",
-    "quantity",
-    "read_bytes",
-    "read_csv",
-    "read_text",
-    "shown",
-    "whole",
-]

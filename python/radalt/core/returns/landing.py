@@ -20,8 +20,6 @@ from .link import RadarLink
 if TYPE_CHECKING:
     from .terrain import Antenna, LandingProfile, TerrainModel, TerrainReturn, Trajectory
 
-__all__ = ["AntennaSpec", "GroundSpec", "LandingSpec", "TerrainPlayer", "TerrainSpec", "TrajectorySpec"]
-
 
 @dataclass(frozen=True)
 class TrajectorySpec(Settings, where="trajectory"):

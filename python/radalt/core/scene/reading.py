@@ -184,7 +184,7 @@ def scene_from_parameters(
         )
     scene = name if isinstance(name, Scene) else load_scene(name)
     try:
-        return scene.at(**changes)
+        return scene.at(**changes) if changes else scene
     except ValueError as error:
         raise SceneError(one_line(f"{getattr(name, 'name', name)}: {error}")) from None
 

@@ -22,7 +22,7 @@ from ..results.style import series_style
 from ..simulation import PointResult
 from .generate import Prepared, generate, shipped
 from .rewrite import from_recording, prune
-from .run import make_top, result_of
+from .run import load_class, result_of
 from .watch import run_to_end
 
 _SPREAD = ("altitude_p05_m", "altitude_median_m", "altitude_p95_m")
@@ -155,9 +155,8 @@ def run_replay(
     ``reference_m``, and lock is kept for any altitude of the span.
     """
     capture = open_capture(path)
-    top = make_top(
-        prepared, scene, drop_when_slow=0, capture_file=str(capture.path), follow_programme=int(known)
-    )
+    options = {"drop_when_slow": 0, "capture_file": str(capture.path), "follow_programme": int(known)}
+    top = load_class(prepared)(scene_file=scene, **options)
     if "full_scale" in capture.radio:
         top.frame_segmenter.set_full_scale(capture.radio["full_scale"])
     top.frame_segmenter.set_calibration(capture.radio.get("calibration_samples"))

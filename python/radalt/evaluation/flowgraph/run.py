@@ -40,7 +40,7 @@ def run_point(
     Raises FlowgraphError if it does not end within ``time_limit_s``. An exception of a block's ``work`` is raised
     unchanged.
     """
-    top = make_top(prepared, scene, drop_when_slow=0)
+    top = load_class(prepared)(scene_file=scene, drop_when_slow=0)
     for block in blocks_of(top).values():
         block.logger.set_level("error")  # losses are in the rows; the console shows the study's progress
     recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture) if capture else None
@@ -89,11 +89,6 @@ def finish_recorder(top: Any, block: Any) -> None:
     latency = top.frame_segmenter.latency_samples
     block.latency_samples = latency if np.isfinite(latency) else 0.0
     block.finish()
-
-
-def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:
-    """The top block of a generated flowgraph for a scene, not yet started; ``parameters`` are the flowgraph's."""
-    return load_class(prepared)(scene_file=scene, **parameters)
 
 
 def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:

@@ -26,17 +26,6 @@ from .altitudes import ALTITUDE_COLUMNS, altitude_rows
 from .points import OverlapPoint, scene_at, sweep_points
 from .rows import COLUMNS, TRACKED_COLUMNS, make_row, tracked_row
 
-__all__ = [
-    "DWELL_FRAMES",
-    "OverlapStudy",
-    "capture_name",
-    "check_methods",
-    "check_scene",
-    "describe_rows",
-    "method_files",
-    "rows_of",
-]
-
 DWELL_FRAMES = 400  # least frames at each altitude of a tracked flight: ten outputs
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
 

@@ -4,9 +4,7 @@ Limits are from data sheets and from what the altimeter needs. Powers in dBFS co
 0 dB. `Bench.fly` flies a short programme by `run_hardware`, with its interlock and gates, or in simulation.
 """
 
-import csv
 import dataclasses
-import io
 import math
 import time
 from collections import Counter
@@ -28,6 +26,7 @@ from ..engine.options import EXPECTED
 from ..flowgraph.rewrite import RADAR_GATE
 from ..results.folder import FolderError, RunFolder, versions
 from ..results.page import write_pages
+from ..results.rows import TEXT, Columns
 from ..results.score import score
 from ..results.table import table
 from ..simulation import TAIL_FRAMES, PointResult, found_latency, received, run_chain
@@ -49,7 +48,8 @@ _LISTENED = 40  # frames with every transmitter off
 _ALTITUDES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 1500.0)
 _OVERLAPS, _METHODS = (0.25, 0.5, 1.0), ("none", "whitening", "tcae")
 _SLOW_HOST = "USB or host too slow: another port, no hub, CPU governor performance"
-_LEVEL = "below: more attenuation than stated, or too little gain; above: too much of it"
+_WEAK = "more attenuation than stated, or too little gain"
+_ROLL_OFF = "filter roll-off (odd divider of the clock?), reflections on an open port, clipping"
 
 
 class Check(NamedTuple):
@@ -195,6 +195,41 @@ def _recorded(file: Path, scene: Scene) -> np.ndarray:
     return samples
 
 
+# -- the checklist: name, unit, limits, likely cause of a value beyond them -------------------------------------------
+
+
+_ANY = math.inf
+CHECKS = {
+    # the noise of a 12-bit converter lies near -74
+    "noise": ("dBFS", -110, -40, "zeros: a frozen receiver; above: something transmits, or too much gain"),
+    "DC, LO in the middle of the band": ("dBFS", -_ANY, -40, "DC correction did not run (UHD issue 892)"),
+    "strongest line": ("dBFS", -_ANY, -60, "a spur or a signal from outside"),
+    "transmitter late": ("times", -_ANY, 0, "started after the common start time: a busy host; start again"),
+    "transmitter underflows": ("times", -_ANY, 0, _SLOW_HOST),
+    "samples lost": ("", -_ANY, 0, _SLOW_HOST),
+    "samples clipped": ("%", -_ANY, 0, "too much arrives: lower radar_rx_gain_db, or more attenuation"),
+    # enough for timing to a hundredth of a sample
+    "above the noise": ("dB", 20, _ANY, _WEAK + ", a dead port or cable, or radios or serials exchanged"),
+    "level": ("dBFS", -40, -3, f"below: {_WEAK}; above: too much of it"),
+    "timing lock": ("", 1, _ANY, "the sweep is not found in what is received; see the checks above"),
+    "flatness, inner 80 % of the band": ("dB", -_ANY, 3, _ROLL_OFF),
+    "altitudes right at 300 m": ("of 1", 0.9, _ANY, "timing or level; see the checks above"),
+    # a twentieth of a sample is 1 m of altitude
+    "latency": ("samples spread", -_ANY, 0.05, "calibrate after each start; report the driver's version"),
+    "altitude": ("m", -_ANY, 1, "reflections on open ports, flatness, or lost samples; see above"),
+    "SIR": ("dB", -1, 1, "unequal path losses, a cable swapped, compression; or no jammer arrives"),
+    "Pd": ("", -_ANY, _ANY, "SIR, overlap or level are not the simulation's; see the steps before"),
+    "lock losses": ("times", -_ANY, 0, "samples were lost without notice, or the path changed"),
+    "frames dropped": ("", -_ANY, 0, "the host is too slow for the chain; close other programs"),
+    "drift": ("m", -0.5, 0.5, "temperature or reference: let the radios warm up"),
+}
+
+
+def _check(name: str, value: float, what: str = "", **limits: float) -> Check:
+    """A value of the checklist, under its name or a longer one."""
+    return Check(what or name, value, *CHECKS[name])._replace(**limits)
+
+
 # -- the steps: docstrings are their titles ----------------------------------------------------------------------------
 
 
@@ -203,31 +238,21 @@ def _receiver(bench: Bench) -> Iterator[Check]:
     frames = bench.listen(_LISTENED)
     noise = mean_power(frames)
     dc, line, at_hz = strongest_lines(frames, bench.scene.waveform.rate_hz)
-    # the noise of a 12-bit converter lies near -74; zeros are below, a signal is above
-    cause = "zeros: a frozen receiver; above: something transmits, or too much gain"
-    yield Check("noise", db(noise), "dBFS", -110, -40, cause)
-    cause = "DC correction of the receiver did not run (UHD issue 892)"
-    yield Check("DC, LO in the middle of the band", dc, "dBFS", high=-40, cause=cause)
-    what = f"strongest line, at {at_hz / 1e3:+.0f} kHz"
-    yield Check(what, line, "dBFS", high=-60, cause="a spur or a signal from outside")
+    yield _check("noise", db(noise))
+    yield _check("DC, LO in the middle of the band", dc)
+    yield _check("strongest line", line, f"strongest line, at {at_hz / 1e3:+.0f} kHz")
     if noise > 0:
         bench.known["noise"] = noise
 
 
 def _counters(*flights: Flight) -> Iterator[Check]:
     """What the transmitters reported, what was lost on the way, and how much of what was recorded is clipped."""
-
-    def total(name: str) -> int:
-        return sum(int(f.result.segmenter.get(name, 0)) for f in flights)
-
-    cause = "started after the common start time: a busy host; start again, close other programs"
-    yield Check("transmitter late", total("tx_late"), "times", high=0, cause=cause)
-    yield Check("transmitter underflows", total("tx_underflows"), "times", high=0, cause=_SLOW_HOST)
-    yield Check("samples lost", total("lost_samples"), high=0, cause=_SLOW_HOST)
+    counted = {"transmitter late": "tx_late", "transmitter underflows": "tx_underflows"}
+    for name, key in (counted | {"samples lost": "lost_samples"}).items():
+        yield _check(name, sum(int(f.result.segmenter.get(key, 0)) for f in flights))
     recorded = [clipped_percent(f.samples) for f in flights if f.samples.size]
-    cause = "too much arrives: lower radar_rx_gain_db, or more attenuation"
     if recorded:
-        yield Check("samples clipped", max(recorded), "%", high=0, cause=cause)
+        yield _check("samples clipped", max(recorded))
 
 
 def _radar(bench: Bench) -> Iterator[Check]:
@@ -238,24 +263,17 @@ def _radar(bench: Bench) -> Iterator[Check]:
     signal = flight.frames(2, scene.altitude.preamble_frames + bench.frames) if known else flight.samples
     level = mean_power(signal)
     yield from _counters(flight)
-    # enough for timing to a hundredth of a sample
-    cause = (
-        "more attenuation than stated, too little gain, a dead port or cable, or radios or serials exchanged"
-    )
-    yield Check("above the noise", db(level) - db(bench.known["noise"]), "dB", low=20, cause=cause)
-    yield Check("level", db(level), "dBFS", -40, -3, _LEVEL)
-    cause = "the sweep is not found in what is received; see the checks above"
-    yield Check("timing lock", float(known), low=1, cause=cause)
+    yield _check("above the noise", db(level) - db(bench.known["noise"]))
+    yield _check("level", db(level))
+    yield _check("timing lock", float(known))
     if not known:
         return
     bench.known |= {"level": level, "latency": flight.latency}
-    cause = "filter roll-off (odd divider of the clock?), reflections on an open port, clipping"
     sweeps = flight.frames(1, scene.altitude.preamble_frames - 1)
     ripple = ripple_db(scene.waveform, sweeps, flight.latency % 1.0, first=1)
-    yield Check("flatness, inner 80 % of the band", ripple, "dB", high=3, cause=cause)
+    yield _check("flatness, inner 80 % of the band", ripple)
     right = score(flight.result.results["none"], scene.altitude.programme).pd
-    cause = "timing or level; see the checks above"
-    yield Check("altitudes right at 300 m", right, "of 1", low=0.9, cause=cause)
+    yield _check("altitudes right at 300 m", right)
 
 
 def _starts(bench: Bench) -> Iterator[Check]:
@@ -263,10 +281,7 @@ def _starts(bench: Bench) -> Iterator[Check]:
     # another seed is other noise in simulation; on the air it changes nothing that is sent
     seeds = range(bench.scene.seed, bench.scene.seed + bench.starts)
     found = [bench.fly(bench.programme(300.0, frames=1, seed=seed)).latency for seed in seeds]
-    what = f"latency {np.mean(found):.2f}, {bench.starts} starts"
-    cause = "starts do not repeat: calibrate after each; report the driver's version"
-    # a twentieth of a sample is 1 m of altitude
-    yield Check(what, float(np.ptp(found)), "samples spread", high=0.05, cause=cause)
+    yield _check("latency", float(np.ptp(found)), f"latency {np.mean(found):.2f}, {bench.starts} starts")
 
 
 def _reference(bench: Bench, scene: Scene) -> Scene:
@@ -280,7 +295,6 @@ def _altitudes(bench: Bench) -> Iterator[Check]:
     scene = bench.programme(*_ALTITUDES_M)
     flown = bench.fly(scene, capture="altitudes").result
     simulated = run_chain(_reference(bench, scene), ("none",))
-    cause = "reflections on open ports, flatness, or lost samples; see above"
     for altitude_m in _ALTITUDES_M:
         found = []
         for result in (flown, simulated):
@@ -289,13 +303,7 @@ def _altitudes(bench: Bench) -> Iterator[Check]:
             here = frames["altitude_m"][(sent == altitude_m) & frames["valid"]]
             found.append(float(np.median(here)) if here.size else math.nan)
         what = f"{altitude_m:g} m: {found[0]:.2f} m, off the simulation's"
-        yield Check(what, abs(found[0] - found[1]), "m", high=1, cause=cause)
-
-
-def _radar_db(bench: Bench, scene: Scene) -> float:
-    """dBFS at which the radar has to arrive in a scene, by its level alone and both drives."""
-    alone = db(bench.known["level"] - bench.known["noise"])
-    return alone + bench.drive_db(scene) - bench.drive_db(bench.programme(300.0))
+        yield _check("altitude", abs(found[0] - found[1]), what)
 
 
 def _jammer(bench: Bench) -> Iterator[Check]:
@@ -305,15 +313,15 @@ def _jammer(bench: Bench) -> Iterator[Check]:
     yield from _counters(flight)
     first, noise = scene.altitude.preamble_frames, bench.known["noise"]
     played = flight.frames(first + 1, first + bench.frames - 1, bench.known["latency"])
-    sir_db = _radar_db(bench, scene) - db(mean_power(played) - noise)
-    cause = "unequal path losses, a cable swapped, compression; or nothing of the jammer arrives"
-    yield Check(f"SIR off from {scene.sir_db:g} dB", sir_db - scene.sir_db, "dB", -1, 1, cause)
+    # the radar arrives by its level alone and both drives
+    louder_db = bench.drive_db(scene) - bench.drive_db(bench.programme(300.0))
+    sir_db = db(bench.known["level"] - noise) + louder_db - db(mean_power(played) - noise)
+    yield _check("SIR", sir_db - scene.sir_db, f"SIR off from {scene.sir_db:g} dB")
 
 
 def _both(bench: Bench) -> Iterator[Check]:
     """Radar and jammer: Pd over overlap"""
     flights: list[Flight] = []
-    cause = "SIR, overlap or level are not the simulation's; see the steps before"
     for overlap in _OVERLAPS:
         scene = bench.programme(300.0, 100.0, 30.0, jammer=True).at(overlap=overlap)
         flights.append(bench.fly(scene, _METHODS, capture=f"both_{overlap:g}"))
@@ -323,7 +331,7 @@ def _both(bench: Bench) -> Iterator[Check]:
             here, there = (score(r, scene.altitude.programme) for r in results)
             lowest = there.interval[0] - (here.interval[1] - here.pd)  # both intervals overlap
             what = f"Pd, overlap {overlap:g}, {method}; simulated {there.pd:.2f}"
-            yield Check(what, here.pd, low=lowest, cause=cause)
+            yield _check("Pd", here.pd, what, low=lowest)
     yield from _counters(*flights)
 
 
@@ -336,15 +344,12 @@ def _endurance(bench: Bench) -> Iterator[Check]:
     flight = bench.fly(scene, time_limit_s=4 * count * scene.waveform.sweep_s + 30.0)
     yield from _counters(flight)
     counted, frames = flight.result.segmenter, flight.result.results["none"]
-    cause = "samples were lost without notice, or the path changed"
-    yield Check("lock losses", counted["lock_losses"], "times", high=0, cause=cause)
-    cause = "the host is too slow for the chain; close other programs"
-    yield Check("frames dropped", counted.get("dropped_slow", 0), high=0, cause=cause)
+    yield _check("lock losses", counted["lock_losses"])
+    yield _check("frames dropped", counted.get("dropped_slow", 0))
     good = frames["altitude_m"][frames["valid"] & scene.altitude.programme.is_trial(frames["frame_index"])]
     quarter = good.size // 4
     drift_m = float(np.median(good[-quarter:]) - np.median(good[:quarter])) if quarter else math.nan
-    cause = "temperature or reference: let the radios warm up"
-    yield Check("drift, last quarter against first", drift_m, "m", -0.5, 0.5, cause)
+    yield _check("drift", drift_m, "drift, last quarter against first")
 
 
 class Step(NamedTuple):
@@ -395,32 +400,23 @@ def open_folder(bench: Bench) -> RunFolder:
     """The result folder of a bench; raises FolderError where something else is in its place."""
     if (bench.folder / "run.json").exists():
         raise FolderError(f"{bench.folder} holds another hour; name another --out")
-    head: dict[str, Any] = {"study": "first_light", "source": "simulated" if bench.simulated else "air"}
-    head |= {
-        "versions": versions(with_network=bench.scene.has_jammer),
-        "scene": scene_to_mapping(bench.scene),
-    }
-    return RunFolder(
-        bench.folder, head | {name: getattr(bench, name) for name in ("frames", "starts", "minutes")}
-    )
+    source = "simulated" if bench.simulated else "air"
+    head = {"study": "first_light", "source": source, "scene": scene_to_mapping(bench.scene)}
+    head |= {name: getattr(bench, name) for name in ("frames", "starts", "minutes")}
+    return RunFolder(bench.folder, head | {"versions": versions(with_network=bench.scene.has_jammer)})
 
 
 def report(folder: RunFolder, checks: Sequence[Check]) -> str:
     """Write rows.csv and the report into the folder; returns the verdicts' counts and the report's path."""
-    rows = io.StringIO()
-    csv.writer(rows, lineterminator="\n").writerows(
-        [(*Check._fields, "verdict"), *((*c, c.verdict) for c in checks)]
-    )
-    folder.write_text("rows.csv", rows.getvalue())
+    columns = Columns((*Check._fields, "verdict"), TEXT | {"what", "step"})
+    rows = [columns.row(check._asdict() | {"verdict": check.verdict}) for check in checks]
+    folder.write_text("rows.csv", columns.csv(rows))
     count = Counter(check.verdict for check in checks)
     verdict = f"{count['pass']} passed, {count['fail']} failed, {count['skipped']} skipped"
     parts = {}
     for name in dict.fromkeys(check.step for check in checks):
-        cells = [
-            (c.what, c.shown, c.limit, c.verdict, c.cause * (c.verdict != "pass"))
-            for c in checks
-            if c.step == name
-        ]
+        mine = [c for c in checks if c.step == name]
+        cells = ((c.what, c.shown, c.limit, c.verdict, c.cause * (c.verdict != "pass")) for c in mine)
         cells = [[cell.replace("|", "/") for cell in row] for row in cells]
         parts[STEPS[name].title] = table("measured | value | limit | verdict | likely cause", cells)
     page = {"title": folder.head["source"], "verdict": verdict, "parts": parts}

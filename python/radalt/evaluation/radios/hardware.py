@@ -16,7 +16,7 @@ from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
 from ..flowgraph.generate import Prepared, generated_here, shipped
 from ..flowgraph.rewrite import RADAR_GATE, prune, with_second_channel
-from ..flowgraph.run import attach_recorder, finish_recorder, make_top, result_of
+from ..flowgraph.run import attach_recorder, finish_recorder, load_class, result_of
 from ..flowgraph.watch import run_to_end
 from ..simulation import TAIL_FRAMES, PointResult
 from .bring_up import bring_up, start_together
@@ -92,7 +92,7 @@ def run_hardware(
     from gnuradio import uhd
 
     prepared = _prepared(tuple(methods), scene.has_jammer, scene.auxiliary is not None)
-    top = make_top(prepared, scene, drop_when_slow=1, transmit=1)
+    top = load_class(prepared)(scene_file=scene, drop_when_slow=1, transmit=1)
     events = _Events()
     for name in radio_blocks(scene):
         if name.endswith("_sink"):

@@ -12,7 +12,7 @@ from ...core.scene import Scene
 from ...core.scene.live import by_hand
 from ..flowgraph.generate import Prepared, generated_here, shipped
 from ..flowgraph.rewrite import prune, remote, simulate, with_second_channel
-from ..flowgraph.run import make_top
+from ..flowgraph.run import load_class
 from ..flowgraph.watch import run_to_end
 
 
@@ -51,7 +51,7 @@ def drive_remotely(
     options = {"telemetry": telemetry, "control": control, "drop_when_slow": int(not sim)}
     options |= {"network": int(network), "keep_alive_s": keep_alive_s}
     options |= {} if sim else {"transmit": int(transmit)}
-    top = make_top(prepared, scene, **options)
+    top = load_class(prepared)(scene_file=scene, **options)
     try:
         if not sim:
             from gnuradio import uhd

@@ -44,8 +44,8 @@ class Score:
     detections: int = 0
     correct: int = 0
     forced: int = 0  # trials with a forced decision: all but those of empty or non-finite frames
-    lost: int = 0  # frames of the programme that the segmenter did not output; not in the other counts
-    far: int = 0  # detections with an error of 20 m or more
+    frames_lost: int = 0  # frames of the programme that the segmenter did not output; not in the other counts
+    wrong_far: int = 0  # detections with an error of 20 m or more
     # sums over detections of the squared error and of the signed error (measured minus true)
     squared_detected_m2: float = 0.0
     error_detected_m: float = 0.0
@@ -103,31 +103,20 @@ class Score:
 
     def row(self) -> dict[str, Any]:
         """The columns that every study's rows share, `SCORE_COLUMNS`."""
-        low, high = self.interval
-        return {
-            "trials": self.trials,
-            "detections": self.detections,
-            "correct": self.correct,
-            "pd": self.pd,
-            "pd_low": low,
-            "pd_high": high,
-            "rmse_detected_m": self.rmse_detected_m,
-            "rmse_forced_m": self.rmse_forced_m,
-            "bias_m": self.bias_m,
-            "forced": self.forced,
-            "frames_lost": self.lost,
-            "wrong_far": self.far,
-            "wrong_bound": self.wrong_bound,
-            "peak_to_sidelobe_db": self.peak_to_sidelobe_db,
-            "pd_3pct": self.pd_3pct,
-        }
+        ends = dict(zip(("pd_low", "pd_high"), self.interval, strict=True))
+        return {name: ends[name] if name in ends else getattr(self, name) for name in _ROW}
 
 
 def _ratio(total: float, count: int) -> float:
     return total / count if count else float("nan")
 
 
-SCORE_COLUMNS = tuple(Score().row())[:-1]  # stored rows of the bench have no `pd_3pct`
+_ROW = (
+    *("trials", "detections", "correct", "pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m"),
+    *("bias_m", "forced", "frames_lost", "wrong_far", "wrong_bound", "peak_to_sidelobe_db", "pd_3pct"),
+)
+SCORE_COLUMNS = _ROW[:-1]  # stored rows of the bench have no `pd_3pct`
+_COUNTS = ("trials", "detections", "correct", "forced", "frames_lost", "wrong_far")
 BITS = ("right", "declared")  # a bit per trial: whether its altitude is correct, whether one is declared
 
 
@@ -160,8 +149,8 @@ def score_frames(
         detections=int(valid.sum()),
         correct=int((size < limit_m).sum()),
         forced=forced.size,
-        lost=lost,
-        far=int((size >= FAR_LIMIT_M).sum()),
+        frames_lost=lost,
+        wrong_far=int((size >= FAR_LIMIT_M).sum()),
         squared_detected_m2=float(error @ error),
         error_detected_m=float(error.sum()),
         squared_forced_m2=float(forced @ forced),
@@ -205,20 +194,12 @@ def pool(rows: Sequence[dict[str, Any]]) -> Score:
         # a row without detections has no mean
         return float(sum(row[count] * row[mean] ** power for row in rows if row[count]))
 
-    def counted(name: str) -> int:
-        return sum(row[name] for row in rows)
-
     def stated(name: str, count: str) -> bool:
         # without the column in one row, the pool has no value
         return all(row.get(name) is not None for row in rows if row[count])
 
     return Score(
-        trials=counted("trials"),
-        detections=counted("detections"),
-        correct=counted("correct"),
-        forced=counted("forced"),
-        lost=counted("frames_lost"),
-        far=counted("wrong_far"),
+        **{name: sum(row[name] for row in rows) for name in _COUNTS},
         squared_detected_m2=total("detections", "rmse_detected_m", 2),
         error_detected_m=total("detections", "bias_m", 1),
         squared_forced_m2=total("forced", "rmse_forced_m", 2),

@@ -1,6 +1,6 @@
 """Page of the integrity campaign: pooled cases, every hazardous output, two figures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +59,9 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def pooled(rows: Sequence[Row], key: Callable[[Row], Any]) -> list[dict[str, Any]]:
-    """`summarise` of all rows that share a key, in the order of the first of each."""
-    groups: dict[Any, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(key(row), []).append(row)
-    return [summarise(mine) for mine in groups.values()]
+def pooled(rows: Iterable[Row], *names: str) -> list[dict[str, Any]]:
+    """`summarise` of all rows that share the values of columns, in the order of the first of each."""
+    return [summarise(mine) for mine in grouped(rows, *names).values()]
 
 
 def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]]:
@@ -91,7 +88,7 @@ def write_report(
     same = [name for name in ROWS.names if name not in ROWS.timing]
     each = enumerate([*study.earlier(), *rows])
     flown = [*{(*map(row.get, same), row["largest_m"] or k): row for k, row in each}.values()]
-    by_case = pooled(rows, lambda r: (r["case"], r["method"]))
+    by_case = pooled(rows, "case", "method")
     events = events_of(rows, study)
     by_kind = _by_kind(rows)
     folder.write_text("cases.csv", POOLED.csv(map(POOLED.row, by_case)))
@@ -100,7 +97,7 @@ def write_report(
     folder.write_text("flights.csv", ROWS.csv(flown))
     draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
     draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
-    land = pooled([r for r in flown if r["kind"] == "land"], lambda r: (r["case"], r["method"]))
+    land = pooled((r for r in flown if r["kind"] == "land"), "case", "method")
     draw_land(land, folder.path / "figures" / "integrity_land.png")
     short = [r for r in by_kind if r["kind"] not in LONG]
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
@@ -267,9 +264,8 @@ def _rate(value: float) -> str:
 
 def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """`summarise` by kind and method, separately inside and outside the claim."""
-    found = pooled(rows, lambda r: (r["kind"], case_of(r["case"]).known_limit, r["method"]))
-    for row in found:
-        row["known_limit"] = case_of(row["case"]).known_limit
+    known = (r | {"known_limit": case_of(r["case"]).known_limit} for r in rows)
+    found = pooled(known, "kind", "known_limit", "method")
     return sorted(found, key=lambda r: (list(KINDS).index(r["kind"]), r["known_limit"]))
 
 

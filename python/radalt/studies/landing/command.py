@@ -57,9 +57,9 @@ def _study(args: argparse.Namespace, parser: Parser) -> "LandingStudy":
 
 def _config(args: argparse.Namespace) -> "LandingConfig":
     """The study file with the command line's changes; its file names are relative to where one is."""
-    from . import config as landing
+    from .config import load_config
 
-    config = landing.load_config(args.study)
+    config = load_config(args.study)
 
     def changed(part: object, **values: object) -> object:
         return dataclasses.replace(part, **{k: v for k, v in values.items() if v is not None})
@@ -73,18 +73,15 @@ def _config(args: argparse.Namespace) -> "LandingConfig":
         max_gap_s=args.max_gap_s,
     )
     files = None if args.terrain is None else tuple(str(p.resolve()) for p in args.terrain)
-    try:
-        return changed(
-            config,
-            trajectory=trajectory,
-            terrain=changed(config.terrain, files=files, void=args.void, flat_m=args.flat_m),
-            approach=changed(config.approach, sir_db=args.sir_db, frames=args.frames),
-            sensitivity_trials=args.sensitivity_trials,
-            methods=args.methods,
-            seed=args.seed,
-        )
-    except ValueError as error:
-        raise landing.StudyError(str(error)) from None
+    return changed(
+        config,
+        trajectory=trajectory,
+        terrain=changed(config.terrain, files=files, void=args.void, flat_m=args.flat_m),
+        approach=changed(config.approach, sir_db=args.sir_db, frames=args.frames),
+        sensitivity_trials=args.sensitivity_trials,
+        methods=args.methods,
+        seed=args.seed,
+    )
 
 
 def _describe(rows: Sequence[dict[str, Any]]) -> str:

@@ -14,14 +14,10 @@ from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
 from ...core.returns.link import RadarLink
-from ...core.returns.terrain import AircraftState, TerrainError, TerrainReturn, Trajectory, reflectivity
+from ...core.returns.terrain import AircraftState, TerrainReturn, Trajectory, reflectivity
 from ...core.scene import interference_from_yaml, interferer_to_mapping
 from ...core.text import one_line
 from ...core.waveform import Waveform
-
-
-class StudyError(InputError):
-    """An unusable study; the message is one line for the user."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +116,7 @@ def _flight(spec: LandingSpec) -> Trajectory:
 def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "") -> LandingConfig:
     """A validated study from nested mappings, as YAML gives them.
 
-    Raises `StudyError`: source, key, value, what is allowed.
+    Raises `InputError`: source, key, value, what is allowed.
     """
     try:
         if "curve" in data:
@@ -130,25 +126,20 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
         )
         reflectivity(config.ground.model, config.ground.land)
     except ValueError as error:
-        raise StudyError(one_line(f"{source}: {error}")) from None
+        raise InputError(one_line(f"{source}: {error}")) from None
     return config
 
 
 def check_config(config: LandingConfig) -> None:
     """Check files, coverage and heights before the run.
 
-    Raises `StudyError, TerrainError, TrajectoryError`: one line about the first fault.
+    Raises ValueError, of terrain and trajectory too: one line about the first fault.
     """
     if not (config.approach.frames or config.sensitivity_trials):
-        raise StudyError("approach.frames and sensitivity_trials are both 0; give one of them")
+        raise InputError("approach.frames and sensitivity_trials are both 0; give one of them")
     rng, samples = np.random.default_rng(0), config.waveform.samples_per_frame
-    try:
-        radar = config.radar()
-        interference_frames(config.interference, 1, samples, config.waveform.rate_hz, rng)
-    except TerrainError:
-        raise
-    except ValueError as error:
-        raise StudyError(str(error)) from None
+    radar = config.radar()
+    interference_frames(config.interference, 1, samples, config.waveform.rate_hz, rng)
     states = config.states(np.linspace(*config.window_s(), 64))
     for state in states:
         radar.facets(state)
@@ -157,7 +148,7 @@ def check_config(config: LandingConfig) -> None:
     high = int(np.argmax(height))
     top = config.altimeter.resolved(config.waveform).max_altitude_m
     if height[high] > top:
-        raise StudyError(
+        raise InputError(
             f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
             f"altimeter.max_altitude_m {top:g}; raise it, or cut with trajectory.start_s"
         )
@@ -166,12 +157,9 @@ def check_config(config: LandingConfig) -> None:
 def load_config(path: Path | str) -> LandingConfig:
     """Read a study file; relative file names in it are relative to its folder."""
     path = Path(path)
-    try:
-        data = load_yaml(path, what="study") or {}
-    except InputError as error:
-        raise StudyError(str(error)) from None
+    data = load_yaml(path, what="study") or {}
     if not isinstance(data, dict):
-        raise StudyError(f"study {path}: expected a mapping of keys, found {type(data).__name__}")
+        raise InputError(f"study {path}: expected a mapping of keys, found {type(data).__name__}")
     return parse_config(data, source=str(path), folder=str(path.resolve().parent))
 
 

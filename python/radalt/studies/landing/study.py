@@ -16,8 +16,6 @@ from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
 from .points import TABLES, LandingPoint, point_rows, study_points
 
-__all__ = ["LandingStudy"]
-
 
 @dataclass(frozen=True)
 class LandingStudy(Study):
@@ -37,7 +35,7 @@ class LandingStudy(Study):
         return "tcae" in self.config.methods
 
     def check(self) -> None:
-        """See `Study`; raises `SceneError`, `MitigationError`, `TerrainError`, `TrajectoryError`, `StudyError`."""
+        """See `Study`; raises `SceneError`, `MitigationError`, `TerrainError`, `TrajectoryError`, `InputError`."""
         check_methods(self.config)
         check_config(self.config)
 

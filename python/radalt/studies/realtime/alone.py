@@ -13,7 +13,7 @@ from ...core.mitigation.onnx_network import OnnxNetwork
 from ...core.mitigation.tcae import default_model_path
 from ...core.scene import Scene
 from ...evaluation.flowgraph.generate import Prepared
-from ...evaluation.flowgraph.run import make_top
+from ...evaluation.flowgraph.run import load_class
 
 _AT_ONCE = 64  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
 
@@ -26,7 +26,7 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
     an altimeter, ``tracker_METHOD`` is what it does beyond an altimeter, and ``received_METHOD`` the spectra of its
     second input.
     """
-    top = make_top(prepared, scene, drop_when_slow=0)
+    top = load_class(prepared)(scene_file=scene, drop_when_slow=0)
     n = scene.waveform.samples_per_frame
     spent: defaultdict[str, float] = defaultdict(float)
     counted: defaultdict[str, int] = defaultdict(int)

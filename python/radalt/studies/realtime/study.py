@@ -17,7 +17,7 @@ from ...core.mitigation import OwnProcess
 from ...core.scene import Scene
 from ...evaluation.flowgraph.generate import Prepared, generate, shipped
 from ...evaluation.flowgraph.rewrite import prune, simulate, tracked
-from ...evaluation.flowgraph.run import make_top
+from ...evaluation.flowgraph.run import load_class
 from ...evaluation.flowgraph.watch import blocks_of, run_to_end
 from .outside import Outside, OutsideWatch
 
@@ -131,7 +131,7 @@ def fly_benchmark(prepared: Prepared, scene: Scene, *, realtime: bool, time_limi
     With ``realtime``, the channel holds the samples to their rate, and frames are dropped where a method is too slow.
     """
     gc.collect()  # frees the rings of an earlier flowgraph, which would count as memory of this one
-    top = make_top(prepared, scene, drop_when_slow=int(realtime))
+    top = load_class(prepared)(scene_file=scene, drop_when_slow=int(realtime))
     segmenter = top.frame_segmenter
     segmenter.arrivals = deque(maxlen=_ARRIVALS) if realtime else None
     sinks = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}

@@ -44,20 +44,11 @@ MAX_ALTITUDE_FT = 500.0  # end of the range of Table 1
 REFERENCE_TEMPERATURE_K = 290.0  # reference temperature of noise figures, IEEE Std 145
 
 
-def check_altitude_ft(altitude_ft: float) -> None:
-    """Raise ValueError unless the table covers the altitude: 0..500 ft."""
-    if not 0.0 <= altitude_ft <= MAX_ALTITUDE_FT:
-        raise ValueError(
-            f"faa_91_220.altitude_ft is {altitude_ft!r}; 14 CFR 91.220(b) Table 1 covers 0..500 ft only"
-        )
-
-
-def pfd_dbw_per_m2_mhz(frequency_hz: np.ndarray | float, altitude_ft: float = 200.0) -> np.ndarray:
+def pfd_dbw_per_m2_mhz(frequency_hz: np.ndarray | float) -> np.ndarray:
     """Power flux density of Table 1 at `frequency_hz` (...), 3.0e9..5.6e9; an edge has the lower of its two levels.
 
-    Returns dBW/m^2/MHz (...). Raises ValueError outside 0..500 ft or outside 3000..5600 MHz.
+    Returns dBW/m^2/MHz (...), the same from 0 to 500 ft. Raises ValueError outside 3000..5600 MHz.
     """
-    check_altitude_ft(altitude_ft)
     frequency = np.asarray(frequency_hz, dtype=float)
     if frequency.size and not (frequency.min() >= 3.0e9 and frequency.max() <= 5.6e9):
         raise ValueError(
@@ -118,7 +109,7 @@ class FaaMask(NamedEmitter):
 
     scene_name: ClassVar[str] = "faa_91_220"
 
-    altitude_ft: float = 200.0
+    altitude_ft: float = setting(200.0, 0.0, MAX_ALTITUDE_FT)
     """Altitude, 0..500, the range for which the table is defined; its levels do not change within it."""
     antenna_gain_dbi: float = setting(10.0, -20.0, 40.0)
     """Gain of the altimeter's antennas (transmit = receive), also taken out of band."""
@@ -140,10 +131,6 @@ class FaaMask(NamedEmitter):
     """Full beam of one antenna between its -3 dB points."""
     antenna_height_m: float = setting(2.0, 0.1, 20.0)
     """Antenna above the wheels: the range at 0 ft."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_altitude_ft(self.altitude_ft)
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""
@@ -177,7 +164,7 @@ class FaaMask(NamedEmitter):
         unit_db = port_density_dbm_per_mhz(
             0.0, frequency_hz=self.center_hz, gain_dbi=self.antenna_gain_dbi, cable_db=0.5 * self.losses_db
         )
-        level_db = pfd_dbw_per_m2_mhz(frequency_hz, self.altitude_ft) + unit_db - 90.0  # dB over 1 W/Hz
+        level_db = pfd_dbw_per_m2_mhz(frequency_hz) + unit_db - 90.0  # dB over 1 W/Hz
         density = 10.0 ** (level_db / 10.0) * (self.center_hz / frequency_hz) ** 2
         return density * self.receiver_filter.power_gain(frequency_hz)
 

@@ -11,31 +11,3 @@ from .radar_return import GroundReturn, TerrainReturn
 from .synthesis import synthesise
 from .terrain import VOID_M, DtedCell, FlatTerrain, Terrain, TerrainError, TerrainModel
 from .trajectory import AircraftState, Trajectory, TrajectoryError
-
-__all__ = [
-    "LAND_TYPES",
-    "MIN_HEIGHT_M",
-    "VOID_M",
-    "AircraftState",
-    "Antenna",
-    "ConstantGamma",
-    "DtedCell",
-    "Facets",
-    "FlatTerrain",
-    "GaussianAntenna",
-    "GroundGrid",
-    "GroundReturn",
-    "LandingProfile",
-    "Morchin",
-    "Reflectivity",
-    "TabulatedAntenna",
-    "Terrain",
-    "TerrainError",
-    "TerrainModel",
-    "TerrainReturn",
-    "Trajectory",
-    "TrajectoryError",
-    "UlabyDobson",
-    "reflectivity",
-    "synthesise",
-]

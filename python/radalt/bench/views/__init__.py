@@ -1,1 +1,0 @@
-"""Views of rows: each a table or a figure of a run's report."""
