@@ -398,7 +398,7 @@ def run_bare(cls, scene, tmp_path, transmit, air, monkeypatch, seconds=0.5):
         if hasattr(top, name):
             getattr(top, name).state["set_start_time"] = ("time", 1.0)
     end = time.monotonic() + seconds
-    run_to_end(top, over=lambda: time.monotonic() >= end)
+    run_to_end(top, over=lambda: time.monotonic() >= end and air.sent["radar"].size)
     return top
 
 
