@@ -16,20 +16,17 @@ from radalt.bench.board import check_rows, stored_rows, verdict
 from radalt.bench.entry import Entry, run
 from radalt.bench.frames import frames_of
 from radalt.bench.lists import find_list, load_list
-from radalt.bench.paired import curves, paired
+from radalt.bench.paired import paired
 from radalt.bench.rows import COLUMNS, read_rows, row_of
 from radalt.bench.turns import TURN_COLUMNS
 from radalt.bench.views import break_points, false_altitudes, levels, summaries, summary_table, turns_table
 from radalt.core.altimeter.altimeter import Reason
 from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
-from radalt.evaluation.results.break_point import break_point_of
 from radalt.evaluation.results.rows import bits, unbits
 
 SHIPPED = tuple(METHODS)  # before other tests name methods of their own
 SAME = [name for name in COLUMNS.names if name not in COLUMNS.timing]
-NAMED = ("qpsk_received 1 hybrid", "qpsk_rectangular 1 tcae", "nr5 1 tcae", "nr5 1 time_frequency")
-NAMED += ("nr10 1 ofdm_cancel", "mixture 0.3 blanking")
 TEXTBOOK = (slice(0, 6), slice(6, 9), slice(9, 11))  # columns of a table: without mitigation, whitening, tcae
 OPEN = ("standard", "ideal")  # lists without entries of their own: any method is compared there
 OWN = """
@@ -86,14 +83,6 @@ def test_stored_rows_are_of_their_list(name):
     seeds = {(c.name, c.overlap): {c.at(level).seed for level in c.levels_db} for c in cases.cases}
     assert {(row["case"], row["overlap"]) for row in rows} == seeds.keys()
     assert all(row["seed"] in seeds[row["case"], row["overlap"]] for row in rows)
-
-
-@pytest.mark.parametrize("place", NAMED)
-def test_the_page_of_methods_gives_the_break_points_of_the_stored_rows(root, place):
-    case, overlap, entry = place.split()
-    at = break_point_of(curves(read_rows(stored_rows("standard")))[case, float(overlap)][entry])
-    page = (root / "docs/methods.md").read_text("utf-8")
-    assert f"{at.sir_db:.0f} dB ({at.low_db:.0f} to {at.high_db:.0f})" in page
 
 
 @pytest.mark.parametrize(

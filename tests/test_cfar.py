@@ -105,14 +105,14 @@ def test_noise_passed_by_a_filter_causes_no_more_false_alarms(width_hz):
     assert np.mean(valid) < 1.5 * altimeter.false_alarms_per_frame
 
 
-def test_noise_in_pieces_within_the_span_causes_no_more_false_alarms():
+def test_noise_in_pieces_within_the_span_causes_no_more_false_alarms_and_not_many_fewer():
     """A network leaves little beyond the span: neglecting that, twice as many as in white noise are declared."""
     altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, **LAW))
     rng = np.random.default_rng(10)
     pieces = np.isin(np.arange(W.samples_per_frame) % 3750 // 150, (2, 6, 11, 15, 21))
     gain = np.where((BEAT_HZ > 0.0) & (BEAT_HZ < 120e3), 1.0, 0.5)
     valid = [altimeter.process(passed(noise_frames(rng, 100) * pieces, gain))["valid"] for _ in range(6)]
-    assert np.mean(valid) < altimeter.false_alarms_per_frame
+    assert 0.4 < np.mean(valid) / altimeter.false_alarms_per_frame < 1.0
 
 
 def test_a_narrower_interval_of_speeds_keeps_the_rate():

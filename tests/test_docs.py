@@ -7,7 +7,7 @@ import os
 import pkgutil
 import re
 import runpy
-from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import _docs_pages
@@ -21,17 +21,31 @@ from waiting import ran_python
 from radalt.bench.board import stored_rows
 from radalt.bench.lists import load_list
 from radalt.bench.rows import read_rows
+from radalt.bench.turns import TURN_COLUMNS
 from radalt.bench.views import summaries
-from radalt.core.altimeter.altimeter import Altimeter, Reason
+from radalt.core.altimeter.altimeter import Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.results.break_point import break_point
-from radalt.evaluation.results.proportion import clopper_pearson, wilson_interval
+from radalt.evaluation.results.proportion import clopper_pearson, clopper_pearson_bound, wilson_interval
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
 ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"\]\((?:([\w-]+)\.md)?(?:#([\w-]+))?\)")  # to a page, its heading, or a heading here
+
+
+# decibels, FFTs, per cent, milliseconds, shares of two digits or more, and counts of counts
+MEASURED = re.compile(
+    r"(?<![\w.])\d[\d.,]* (?:dB|FFTs?|%|ms)(?!\w)|(?<![\w.])0?\.\d\d+\b|\b\d[\d,]* of \d[\d,]*"
+)
+CONDITION = re.compile(
+    r"(?:SIRs?|SI?NRs?|INR) (?:of )?-?[\d.]+(?: (?:to|and) -?[\d.]+)? dB|95 %|overlap [\d.]+"
+)
+NUMBERS = yaml.safe_load((ROOT / "tests/numbers.yaml").read_text("utf-8"))
+# every page but those that a command writes whole, or that have no results
+PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
+PAGES = [p for p in PAGES if Path(p).stem not in ("integrity", "stability", "leaving_out", "scene-reference")]
 
 
 def test_the_scene_reference_is_what_the_code_gives():
@@ -128,172 +142,97 @@ def test_a_models_card_says_what_the_published_rows_say(root):
         assert made == text, "run: PYTHONPATH=python .venv/bin/python training/cards.py"
 
 
-def test_the_papers_table_is_that_of_its_rows(root):
-    """All three of the paper's networks find a clean altitude in nine frames of ten."""
-    line = re.search(r"^\| Pd, no interference \|(.*)\|$", (root / "docs/tcae.md").read_text("utf-8"), re.M)
-    clean = {r["method"]: r["pd"] for r in cards.paper_rows() if r["interferer"] == "clean clean"}
-    names = ("none", "lms_reference_input", "fc", "cnn", "paper", "tcae")  # columns of the table
-    assert [cell.strip() for cell in line[1].split("|")] == [f"{clean[name]:.2f}" for name in names]
-    assert all(clean[name] >= 0.9 for name in ("fc", "cnn", "paper"))
+def _packed(text):
+    return " ".join(text.split())
 
 
-def _false_in_noise(rows):
-    """False altitudes of no mitigation on both lists, their share, its interval and the bound by design, in percent."""
-    both = (*rows, *read_rows(stored_rows("null")))
-    mine = [r for r in both if (r["case"], r["entry"]) == ("noise", "none")]
-    false, trials = (sum(int(r[key]) for r in mine) for key in ("detections", "trials"))
-    shares = [f"{100 * share:.1f}" for share in (false / trials, *clopper_pearson(false, trials))]
-    return [str(false), f"{trials:,}", *shares, f"{100 * Altimeter(Waveform()).false_alarms_per_frame:.2f}"]
+def _break_point(rows):
+    return break_point(*([float(r[key]) for r in rows] for key in ("sir_db", "pd", "pd_low", "pd_high")))
 
 
-def _break_point(rows, **where):
-    mine = [r for r in rows if all(r[key] == value for key, value in where.items())]
-    return break_point(*([float(r[key]) for r in mine] for key in ("sir_db", "pd", "pd_low", "pd_high")))
+MADE = {
+    "rows": lambda g: len(g.rows),
+    "pd": lambda g: g["correct"] / g["trials"],
+    "pd_low": lambda g: wilson_interval(int(g["correct"]), int(g["trials"]))[0],
+    "pd_high": lambda g: wilson_interval(int(g["correct"]), int(g["trials"]))[1],
+    "wrong": lambda g: int(g["detections"] - g["correct"]),
+    "wrong_low": lambda g: clopper_pearson(g["wrong"], int(g["trials"]))[0],
+    "wrong_high": lambda g: clopper_pearson(g["wrong"], int(g["trials"]))[1],
+    "wrong_bound": lambda g: clopper_pearson_bound(g["wrong"], int(g["trials"])),
+    "break_db": lambda g: _break_point(g.rows).sir_db,
+    "low_db": lambda g: _break_point(g.rows).low_db,
+    "high_db": lambda g: _break_point(g.rows).high_db,
+}
 
 
-def _break_points(rows):
-    """Of a 10 MHz downlink behind the canceller, at EVM 3 and 8 %."""
-    return [str(_break_point(rows, case=case, entry="ofdm_cancel")) for case in ("evm_3", "evm_8")]
+class Group:
+    """Rows of a table: what is `MADE` of them, or the sum, `mean_` or `median_` of a column."""
+
+    def __init__(self, rows):
+        self.rows = rows
+
+    def __getitem__(self, name):
+        if name in MADE:
+            return MADE[name](self)
+        of, _, rest = name.partition("_")
+        of, name = (getattr(np, of), rest) if of in ("mean", "median") else (sum, name)
+        return of([float(row[name]) for row in self.rows if row[name]])
 
 
-def _to_whitening(rows):
-    """Most by which the network's break-point is higher and lower than whitening's, QPSK as received, full overlap."""
-    gains_db = [
-        _break_point(rows, case=case, overlap="1", entry="whitening").sir_db
-        - _break_point(rows, case=case, overlap="1", entry="tcae").sir_db
-        for case in {r["case"] for r in rows if r["case"].endswith("qpsk")}
-    ]
-    return [f"{-min(gains_db):.1f}", f"{max(gains_db):.1f}"]
+@cache
+def _rows(table):
+    with (ROOT / table).open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        if "height_m" in row:  # a frame of an approach
+            right = abs(float(row["altitude_m"] or "nan") - float(row["height_m"])) < CORRECT_LIMIT_M
+            row |= {"trials": "1", "detections": row["valid"], "correct": str(int(right))}
+    return rows
 
 
-def _cpu_ratios(rows):
-    """Least and largest over the scenes: median with all built over median pruned."""
-    median = {
-        (scene, built): np.median(
-            [float(r["cpu_s"]) for r in rows if (r["scene"], r["built"]) == (scene, built)]
-        )
-        for scene, built in {(r["scene"], r["built"]) for r in rows}
-    }
-    ratios = [median[scene, "all"] / value for (scene, built), value in median.items() if built == "pruned"]
-    return [f"{end(ratios):.0f}" for end in (min, max)]
-
-
-def _verdicts(rows):
-    counts = Counter(r["verdict"] for r in rows)
-    return [str(len(rows)), *(str(counts[name]) for name in ("pass", "refused", "flagged", "WRONG", "FAIL"))]
-
-
-def _break_points_at_200_ft(rows):
-    """Three altimeters under 5G at 3.93 GHz, and how far that is below Table 1."""
-    keys = "interferer", "method", "altitude_ft"
-    mine = [r for r in rows if [r[key] for key in keys] == ["nr100_3930", "none", "200"]]
-    return [f"{float(r['break_dbm']):.1f}" for r in mine] + [f"{-float(r['margin_db']):.0f}" for r in mine]
-
-
-def _shares_within_5_m(rows, overlap="0", method="none"):
-    """Of frames of an approach, and its interval."""
-    mine = [r for r in rows if (r["overlap"], r["method"]) == (overlap, method)]
-    errors = [abs(float(r["altitude_m"] or "nan") - float(r["height_m"])) for r in mine]
-    correct = sum(error < CORRECT_LIMIT_M for error in errors)
-    return [correct / len(mine), *wilson_interval(correct, len(mine))]
-
-
-def _under_and_without_qpsk(rows):
-    """Right frames of 200 without mitigation, behind tcae, and without interference."""
-    where = (("1", "none"), ("1", "tcae"), ("0", "none"))
-    return [f"{200 * _shares_within_5_m(rows, *each)[0]:.0f}" for each in where]
-
-
-def _what_guarding_costs(rows):
-    """Availability after the start, without mitigation and behind tcae."""
-    at = {
-        (r["kind"], r["method"]): f"{float(r['after_start']):.2f}".removeprefix("0")
-        for r in rows
-        if r["known_limit"] == "0"
-    }
-    kinds = ("jammed", "land_jammed", "step", "altimeter", "pull_off")
-    return [at[kind, method] for kind in kinds for method in ("none", "tcae")]
-
-
-@pytest.mark.parametrize(
-    ("pages", "pattern", "table", "value"),
-    [
-        (
-            "docs/detection.md",
-            r"altitude in (\d+) of ([\d,]+) frames, ([\d.]+) %.*?\(([\d.]+) to ([\d.]+) %, .*? at most ([\d.]+) %",
-            "detection",
-            _false_in_noise,
-        ),
-        ("docs/cancellation.md", r"to (-[\d.]+) dB at an .*?to (-[\d.]+) dB at 8 %", "evm", _break_points),
-        ("docs/sweeps.md", r"([\d.]+) dB higher.*?([\d.]+) dB lower", "sweeps", _to_whitening),
-        ("docs/leaving_out.md", r"takes (\d+) to (\d+) times the CPU", "leaving_out", _cpu_ratios),
-        ("docs/stability.md", r"Of (\d+) pairs of case and chain" + r"\D+(\d+)" * 5, "stability", _verdicts),
-        (
-            "docs/tolerance.md",
-            r"breaks our three[^*]*? at ([\d.]+), ([\d.]+) and (-[\d.]+) dBm: (\d+), (\d+) and (\d+) dB below",
-            "tolerance",
-            _break_points_at_200_ft,
-        ),
-        (
-            "docs/landing.md",
-            r"\*\*Extended ground.*?(\d+) %.*?\((\d+) to (\d+) %\)",
-            "landing_approach",
-            lambda rows: [f"{100 * share:.0f}" for share in _shares_within_5_m(rows)],
-        ),
-        (
-            "README.md docs/index.md",
-            r"of 200 frames (\d+) are right without mitigation, (\d+).*?and (\d+) without",
-            "range_time",
-            _under_and_without_qpsk,
-        ),
-        (
-            "docs/tracker.md",
-            "costs availability.*?" + r"\| ([\d.]+) \| ([\d.]+) \|.*?" * 5,
-            "integrity_kinds",
-            _what_guarding_costs,
-        ),
-    ],
-)
-def test_the_first_number_of_a_page_is_that_of_its_table(root, pages, pattern, table, value):
-    stored = root / f"bench/rows/{table}.csv"
-    file_of = stored if stored.is_file() else root / f"docs/data/{table}.csv"
-    with file_of.open(newline="", encoding="utf-8") as file:
-        expected = value(list(csv.DictReader(file)))
-    for page in pages.split():
-        found = re.search(pattern, (root / page).read_text(encoding="utf-8"), re.DOTALL)
-        assert found and list(found.groups()) == expected, page
-
-
-def _packed(page):
-    return "".join(page.read_text("utf-8").split())
-
-
-def _groups(root, table, by, where):
-    """Rows that have the values of ``where``, by the columns ``by``, as numbers, summed; `wrong` from the others."""
+def _groups(tables, by, where):
+    """Rows that have the values of ``where``, by the columns ``by``."""
     groups = {}
-    with (root / table).open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            if all(row[key] in values for key, values in where.items()):
-                found = {k: float(v) for k, v in row.items() if re.fullmatch(r"-?[\d.]+(e-?\d+)?", v)}
-                found["wrong"] = found.get("detections", 0) - found.get("correct", 0)
-                groups.setdefault(" ".join(row[key] for key in by) or "all", Counter()).update(found)
-    return groups
+    for row in (row for table in tables.split() for row in _rows(table)):
+        if all(row[key] in values for key, values in where.items()):
+            groups.setdefault(" ".join(row[key] for key in by if row[key]) or "all", []).append(row)
+    return {name: Group(rows) for name, rows in groups.items()}
 
 
-@pytest.mark.parametrize("place", yaml.safe_load((ROOT / "tests/numbers.yaml").read_text("utf-8")))
-def test_sentences_give_the_numbers_of_their_rows(root, place):
-    if place["table"] == "standard":
-        rows = read_rows(stored_rows("standard"))
-        found = summaries(rows, list(dict.fromkeys(row["entry"] for row in rows)))
+@cache
+def _held(number):
+    """Texts of an entry of `numbers.yaml`, with the numbers of their rows, if they have any."""
+    place = NUMBERS[number]
+    if "why" in place:
+        return [_packed(text) for text in place["texts"]]
+    if "/" not in place["table"]:  # a list of the bench: what its table of held decibels has
+        rows, turns = read_rows(stored_rows(place["table"])), ROOT / f"bench/rows/turns/{place['table']}.csv"
+        cost = read_rows(turns, TURN_COLUMNS) if turns.is_file() else ()
+        found = summaries(rows, list(dict.fromkeys(row["entry"] for row in rows)), cost)
     else:
-        found = _groups(root, place["table"], place["by"], place.get("where", {}))
-    page = _packed(root / place["page"])
-    for text in place["texts"]:
-        assert "".join(text.format(r=found).split()) in page, text.format(r=found)
+        found = _groups(place["table"], place["by"], place.get("where", {}))
+    texts = [re.sub(r"r\[([^]{]+)\]\[(\w+)\]", r'r["\1"]["\2"]', _packed(text)) for text in place["texts"]]
+    names = {"r": found, "short": lambda share, digits=2: f"{share:.{digits}f}".removeprefix("0")}
+    return [re.sub(r"(?<=\d)%", " %", eval(f"f'''{text}'''", names)) for text in texts]
+
+
+@pytest.mark.parametrize("page", sorted({place["page"] for place in NUMBERS} | set(PAGES)))
+def test_numbers_of_a_page_are_those_of_rows_or_no_results(root, page):
+    """Every text of `numbers.yaml` is on the page; on pages that no command writes nothing else has such numbers."""
+    text = (root / page).read_text("utf-8")
+    packed, prose = _packed(text), _packed(re.sub(r"(?ms)^```.*?^```|^([#!|]|    ).*?$", "", text))
+    held = [text for number, place in enumerate(NUMBERS) if place["page"] == page for text in _held(number)]
+    assert [text for text in held if text not in packed] == []
+    for text in held:
+        prose = prose.replace(text, " ... ")
+    loose = [
+        m.string[max(0, m.start() - 60) : m.end() + 20] for m in MEASURED.finditer(CONDITION.sub("", prose))
+    ]
+    assert page not in PAGES or loose == []
 
 
 def test_the_table_of_cases_of_the_canceller_is_that_of_its_rows(root):
-    page, rows = _packed(root / "docs/cancellation.md"), read_rows(stored_rows("evm"))
+    page, rows = (root / "docs/cancellation.md").read_text("utf-8"), read_rows(stored_rows("evm"))
     for case in load_list("evm").cases:
         mine = [r for r in rows if (r["case"], r["overlap"]) == (case.name, case.overlap)]
         by = {name: [r for r in mine if r["entry"] == name] for name in {r["entry"] for r in mine}}
@@ -302,8 +241,9 @@ def test_the_table_of_cases_of_the_canceller_is_that_of_its_rows(root):
         pd = {r["sir_db"]: f"{r['pd']:.2f}" for r in best}
         wrong = sum(r["detections"] - r["correct"] for r in best)
         cells = [*ends, *(pd.get(at, "") for at in (-30, -40, -45, -50)), wrong]
-        line = "|".join(map(str, ["", case.title.replace("part", f"{case.overlap:g}"), *cells, ""]))
-        assert "".join(line.split()) in page, line
+        cells += [f"{np.median([r['ffts'] for r in best]):.0f}"]
+        line = " | ".join(map(str, [case.title.replace("part", f"{case.overlap:g}"), *cells]))
+        assert f"| {line} |" in page, line
 
 
 def test_every_column_of_a_table_is_in_the_dictionary(root):
@@ -338,7 +278,7 @@ def test_every_link_leads_to_a_file_and_a_heading(root):
 
 def test_every_test_of_the_safety_case_exists(root):
     """`file::test`, or `::test` of the file named before."""
-    found = re.findall(r"`(\w+\.py)?::(\w+)`", (root / "docs/hardware.md").read_text(encoding="utf-8"))
+    found = re.findall(r"`(\w+\.py)?::(\w+)`", (root / "docs/safety.md").read_text(encoding="utf-8"))
     assert len(found) > 30
     named = None
     for file, test in found:

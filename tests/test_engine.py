@@ -1,6 +1,5 @@
 """The sweep engine with a study small enough to see through: coins with a known probability."""
 
-import itertools
 import os
 import shlex
 import signal
@@ -16,9 +15,9 @@ import numpy as np
 import pytest
 from waiting import crowd, end_of, ran, wait_for, written
 
-from radalt.evaluation.engine import command
+from radalt.evaluation.engine import command, pool
 from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
-from radalt.evaluation.engine.pool import WorkerError
+from radalt.evaluation.engine.pool import WorkerError, run_tasks
 from radalt.evaluation.engine.run import head_of, run
 from radalt.evaluation.engine.study import Point, Study
 from radalt.evaluation.results.folder import RunFolder
@@ -131,13 +130,19 @@ def test_a_dry_run_checks_the_folder(tmp_path, capsys, name, said):
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("jobs", "left_s"), [(1, [None, 30, 20, 10, 0]), (2, [None, 50 / 3, 12, 30 / 7, 0])])
-def test_remaining_time_is_known_once_frames_are_timed(tmp_path, measured_here, monkeypatch, jobs, left_s):
-    """Points of equal length, one after the other every 10 s; a second worker is halfway through the next."""
-    seen, clock = [], itertools.count(0.0, 10.0)
-    monkeypatch.setattr("radalt.evaluation.engine.run.time.monotonic", lambda: next(clock))
-    run(Coins(), Options(tmp_path, jobs=jobs), seen.append)
-    assert [p.remaining_s and round(p.remaining_s, 6) for p in seen] == pytest.approx(left_s)
+def test_a_worker_leaves_the_cores_that_other_runs_have():
+    cores = os.sched_getaffinity(0)
+    for core in cores:
+        pool._claim(core)  # or another run on this machine has it
+    assert list(run_tasks(os.sched_getaffinity, [0], jobs=1, time_limit_s=100.0)) == [(0, cores)]
+    while pool._claims:
+        pool._claims.pop().close()
+
+
+def test_progress_counts_frames(tmp_path, measured_here):
+    seen = []
+    run(Coins(), Options(tmp_path), seen.append)
+    assert [(p.done, p.measured, p.frames) for p in seen] == [(k, 100 * k, 400) for k in range(5)]
 
 
 @pytest.mark.parametrize(

@@ -294,6 +294,15 @@ def test_leakage_is_located_by_what_the_ground_cannot_be_if_that_is_enough(level
     assert [timing.slip(frame, 0, (ground_m, 0.0)) for frame in frames] == [3.0] * 6
 
 
+def test_leakage_a_sample_off_its_place_does_not_verify_the_timing_of_a_narrow_sweep():
+    """Half as wide as the sampled band, it is two samples wide, and more than half like itself a sample off."""
+    w = Waveform(bandwidth_hz=5e6, rate_hz=10e6)
+    leakage = (10.0 * point_return(w, 1.0)).astype(np.complex64)
+    known = LeakageCanceller(LeakageCalibration.measured(w, np.tile(leakage, (20, 1))))
+    timing = FrameSegmenter(w, None, true_delay=True, leakage=known)._leakage
+    assert timing.slip(leakage) == 0.0 != timing.slip(np.roll(leakage, 1))
+
+
 def test_a_return_is_no_leakage_to_take_timing_on():
     segmenter = FrameSegmenter(W, None, true_delay=True, leakage=known(line(0.0, 1.0)))
     rng = np.random.default_rng(2)

@@ -1,4 +1,4 @@
-"""QPSK as a receiver hears it, and its cancellation: clock, symbols and pulse found blindly, all else untouched."""
+"""QPSK as received, and its cancellation: clock, symbols and pulse found blindly, all else untouched."""
 
 import numpy as np
 import pytest

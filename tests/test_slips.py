@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pmt
 import pytest
-from frames import N, W, measured
+from frames import N, W, measured, noise
 from gnuradio import blocks, gr, radalt
 from waiting import patient
 
@@ -202,10 +202,7 @@ def test_hidden_sweeps_leave_the_timing_unverified():
     """Nothing can be noticed in frames that do not show the sweep: the status says so after fifty."""
     programme = Programme((300.0,), frames_per_step=130)
     samples = received(programme, False, 10.0, 4)
-    rng = np.random.default_rng(4)
-    hidden = samples[40 * N :]
-    rails = rng.standard_normal(2 * hidden.size, np.float32)
-    hidden += 100 * rails.view(np.complex64)
+    hide(samples, 40, samples.size // N)
     segmenter = FrameSegmenter(W, programme)
     segmenter.push(samples[: 80 * N])
     assert segmenter.timing_verified
@@ -216,9 +213,7 @@ def test_hidden_sweeps_leave_the_timing_unverified():
 
 def hide(samples: np.ndarray, first: int, last: int) -> None:
     """Noise 40 dB above the return in frames ``first`` to ``last`` - 1."""
-    rng = np.random.default_rng(6)
-    part = samples[first * N : last * N]
-    part += 100 * rng.standard_normal(2 * part.size, np.float32).view(np.complex64)
+    samples[first * N : last * N] += noise(np.random.default_rng(6), last - first, -40.0).reshape(-1)
 
 
 @pytest.mark.parametrize("length, shown_again", [(3, 70), (3, 73), (4000, 71), (4000, 72), (N, 70), (N, 73)])

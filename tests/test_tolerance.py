@@ -43,7 +43,6 @@ def test_every_number_of_a_profile_has_a_source_and_a_standing(name):
         ("  gain_dbi: 10", "expected \\[value, provenance, source\\]"),
         ("  gain_dbi: [10, guessed, me]", "allowed: read in source, secondary, assumed"),
         ("  gain_dbi: [10, secondary, nobody]", "sources has mathworks"),
-        ("  gain_dbi: [99, assumed, me]", "gain_dbi is 99; it has to be within -20..40"),
         ("  iip3_dbm: [-14, assumed, me]", "more than 7.8 dB above"),
         ("  isolation_db: [40, assumed, me]", "leakage of -14.0 dBm compresses the amplifier"),
         ("  p1db_dbm: [-20, assumed, me]\ngain_dbi: 12", "gain_dbi stands outside numbers"),

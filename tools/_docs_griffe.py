@@ -1,7 +1,4 @@
-"""Extension of the reader of docstrings: parameters of one entry get one each, and the default of each.
-
-Griffe gives all the default of the first.
-"""
+"""Griffe's extension: parameters that share an entry of a docstring get one each, with the default of each."""
 
 from __future__ import annotations
 

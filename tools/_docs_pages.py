@@ -16,7 +16,7 @@ _CODE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#(#*) (.*)$", re.MULTILINE)
 _NOTEBOOK = "notebook.ipynb"
 _LINK = re.compile(r"\]\((?:((?:\.\./)?)([\w-]+)\.md)?(?:#([\w-]+))?\)")
-_COLUMN_PX = 510  # widest picture whose type is legible in a column of 400 px
+_COLUMN_PX = 510  # widest picture, at 96 dpi, whose type (9 pt) is legible in a column of 400 px
 _UNITS = r"%|dBm?\b|[mu]?s\b|k?m\b|ft\b|m/s\b|[kMG]?Hz\b|MS/s\b|[MG]i?B\b"
 # what a line may not break in, though it has hyphens: options, ranges, small numbers
 _WHOLE = re.compile(r"(?<![\w-])--[a-z][\w-]*|-?\b[\d.]+(?:e[-+]?\d+)?\.\.[-+\w.]*\w|\b\d[\d.]*e-\d+")
@@ -133,8 +133,11 @@ def on_page_content(html: str, page: Any, config: Any, **_: Any) -> str:
         if found[2].startswith("data:"):
             return found[0]
         head = (Path(config["docs_dir"], page.file.src_uri).parent / found[2]).read_bytes()[:2000]
-        drawn = re.search(rb'<svg[^>]*?\swidth="([\d.]+)', head)
-        px = float(drawn[1]) if drawn else 0.6 * int.from_bytes(head[16:20], "big")
+        drawn = re.search(rb'<svg[^>]*?\swidth="([\d.]+)(pt)?', head)
+        per_m = re.search(rb"pHYs(.{4})|$", head, re.DOTALL)[1] or (3780).to_bytes(4, "big")  # 96 dpi
+        px = 3780 * int.from_bytes(head[16:20], "big") / int.from_bytes(per_m, "big")
+        if drawn:
+            px = float(drawn[1]) * (4 / 3 if drawn[2] else 1)
         size = f' class="page" style="--drawn: {px:.0f}px"' if px > _COLUMN_PX else ""
         return f'<a href="{found[2]}">{found[1]}{size}></a>'
 

@@ -23,7 +23,7 @@ sorts; the pointer on it says what the column holds (<a href="../columns.html">a
 <div class="wide"><table>
 <thead><tr>{% for head in heads %}<th><button title="{{ meaning[head] }}">{{ head }}</button></th>
 {% endfor %}</tr></thead>
-<tbody>{% for row in rows %}<tr>{% for value in row %}<td data-value="{{ value }}">{{ value }}</td>{% endfor %}</tr>
+<tbody>{% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
 {% endfor %}</tbody></table></div>{% endblock %}"""
 
 

@@ -53,7 +53,7 @@ RECIPE = {
         "`compact_crowded` (data `crowded`: more NR of 10 MHz, more frames with three at once, 192,000), "
         "`compact_ground` (data `ground`: SNR up to 45 dB, more extended ground, more frames without interference, "
         "144,000) and `compact` (data `noisy`: a quarter of the interferers with white noise of their own 3 to 20 dB "
-        "below them, 15 % as a receiver hears them; batches of 64; minus the log of the coherence with the return, "
+        "below them, 15 % as received; batches of 64; minus the log of the coherence with the return, "
         "where that is above 0.02, is added to the loss). The examples above count the last part alone. The weight of"
         " samples off the mean modulus was added before the third part. float32 on a shared two-core machine, four "
         "hours in all."
@@ -62,7 +62,7 @@ RECIPE = {
         "From the weights of `compact_ground` on, the sixth part of `tcae.onnx`. Every batch of 32 has a sweep of its"
         " own: three in ten that of `tcae.onnx`, the others 1 to 56 MHz in 0.2 to 10 ms, centred or not, 600 to "
         "20,000 samples. A fifth of the frames has no return, and the noise as target; 8 % have two; other radars are"
-        " among the interferers; four interferers of ten come as a receiver hears them. Peak rate 1e-3, cosine to "
+        " among the interferers; four interferers of ten come as received. Peak rate 1e-3, cosine to "
         "zero; the validation loss fell from -2.49 (after 100 steps) to -2.83 nepers (`training/logs/any_sweep.csv`)."
         " 52 minutes of one to two shared cores."
     ),

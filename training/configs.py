@@ -43,7 +43,7 @@ class SceneConfig:
     second : float
         Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
     received : float
-        Probability that an interferer is as a receiver hears it: with multipath (half of it moving at up to 30 km/h),
+        Probability that an interferer is as received: with multipath (half of it moving at up to 30 km/h),
         the receiver's filter, and a clock of its own within 2 ppm.
     own_noise : float
         Probability that an interferer has white noise of its own, 3 to 20 dB below it, as off-air recordings do; no
@@ -183,10 +183,10 @@ CONFIGS["crowded"] = replace(
 CONFIGS["ground"] = replace(
     CONFIGS["crowded"], snr_db=(0.0, 45.0), counts=(0.12, 0.46, 0.14, 0.28), extended=0.3, seed=7
 )
-# seventh part: interferers with white noise of their own, and as a receiver hears them
+# seventh part: interferers with white noise of their own, and as received
 CONFIGS["noisy"] = replace(CONFIGS["ground"], received=0.15, own_noise=0.25, seed=9)
 # `compact` for any sweep, after its sixth part: sweeps of all kinds, frames without a return or with two, other radars,
-# interference as a receiver hears it
+# interference as received
 CONFIGS["any_sweep"] = replace(
     CONFIGS["ground"],
     kinds=(*CONFIGS["ground"].kinds, ("radar", 0.7)),

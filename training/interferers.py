@@ -1,4 +1,4 @@
-"""Interference of training examples: emitters drawn from a configuration, as a receiver hears them."""
+"""Interference of training examples: emitters drawn from a configuration, as received."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _emitter(kind: str, rate_hz: float, rng: np.random.Generator, typical: float
 
 @dataclass(frozen=True)
 class _Received:
-    """An emitter as a receiver hears it: with multipath, its own clock and the receiver's filter."""
+    """An emitter as received: with multipath, its own clock and the receiver's filter."""
 
     emitter: Emitter
 

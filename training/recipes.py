@@ -79,8 +79,8 @@ _SHORT = {
     "samples": 1_000,
 }
 RECIPES: dict[str, Recipe] = {
-    # the shipped model in seven parts: 2,750 steps of a schedule of 10,000; SIR down to -62 dB; interferers as a
-    # receiver hears them; the smaller network (training/networks/__init__.py); more NR and mixtures; SNR up to 45 dB;
+    # the shipped model in seven parts: 2,750 steps of a schedule of 10,000; SIR down to -62 dB; interferers as
+    # received; the smaller network (training/networks/__init__.py); more NR and mixtures; SNR up to 45 dB;
     # interferers with white noise of their own
     "compact_first": Recipe("compact_wide", steps=10_000, stop=2_750),
     "compact_deep": Recipe("compact_wide", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),

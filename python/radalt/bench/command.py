@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluation.engine.options import Parser, number, path
-from ..evaluation.engine.own import add_own, own_methods
+from ..evaluation.engine.own import add_own, option_files, own_methods
 from ..evaluation.engine.shell import StudyCommand
 from ..evaluation.engine.study import Study
 
@@ -110,13 +110,13 @@ def _salt(name: str, own: dict[str, dict[str, str]]) -> str:
     """Seeds of a confirmation: of the list's content and the files of the entries."""
     import hashlib
 
+    from ..core.mitigation.trial_run import MOST_BYTES
+    from ..core.parsing import read_bytes
     from .lists import load_list
 
     digest = hashlib.sha256(load_list(name).digest.encode())
-    for options in own.values():
-        for key in ("file", "model"):
-            for part in options.get(key, "").split("+") if key in options else ():
-                digest.update(Path(part).read_bytes())
+    for file in option_files(own).values():
+        digest.update(read_bytes(file, most_bytes=max(MOST_BYTES.values()), what="--method-file or --model"))
     return digest.hexdigest()
 
 

@@ -208,9 +208,6 @@ def _cases(
             shared = {key: value for key, value in shared.items() if key not in _AXES}
         grid = build(Grid, shared | mine, "grid")
         grid.levels_db  # noqa: B018 - checks them
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    try:
         overlaps = convert(tuple[float, ...], own.pop("overlap", data.get("overlap", [1.0])), "overlap")
         limit_m = convert(float | None, own.pop("limit_m", None), "limit_m")
         if not overlaps or not all(0.0 <= overlap <= 1.0 for overlap in overlaps):
@@ -221,11 +218,7 @@ def _cases(
         raise ValueError(f"{where}: {error}") from None
     title, out = str(own.pop("title", name.replace("_", " "))), []
     for overlap in overlaps:
-        seed = (
-            seed_of(data.get("seed", 1), name, overlap, salt)
-            if salt
-            else seed_of(data.get("seed", 1), name, overlap)
-        )
+        seed = seed_of(data.get("seed", 1), name, overlap, *filter(None, (salt,)))
         mapping = _merged(data.get("base", {}), own) | {"name": f"{name}_{overlap:g}", "seed": seed}
         mapping["altitude"] = _altitude(mapping, frames, seed, where)
         scene = parse_scene(mapping, source=where)

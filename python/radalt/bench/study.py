@@ -38,27 +38,22 @@ class BenchStudy(Study):
         None  # rows that are given instead of measured ones; its folder `turns` has those of the cost
     )
     tables: ClassVar[dict[str, Columns]] = {"rows": COLUMNS, "turns": TURN_COLUMNS}
-    _list: CaseList = field(init=False, repr=False, compare=False)
+    cases: CaseList = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         cases = load_list(self.path, frames=self.frames, only=self.only, salt=self.salt)
-        object.__setattr__(self, "_list", cases)
-
-    @property
-    def cases(self) -> CaseList:
-        """The list as it is read."""
-        return self._list
+        object.__setattr__(self, "cases", cases)
 
     def head(self) -> dict[str, Any]:
         """See `Study.head`: the list's digest, and what each entry is, hashes of models and files included."""
-        waveform = self._list.cases[0].scene.waveform
+        waveform = self.cases.cases[0].scene.waveform
         entries = {}
         for entry in self.entries:
             status = entry.build(waveform).status()
             about = {k: v for k, v in entry.options if k not in ("model", "file", "method")}
             about |= dict(entry.altimeter) | ({"detector": entry.detector} if entry.detector else {})
             entries[entry.name] = {"method": entry.method, "sha256": status.get("sha256", "")} | about
-        head = {"list": self._list.name, "digest": self._list.digest, "entries": entries}
+        head = {"list": self.cases.name, "digest": self.cases.digest, "entries": entries}
         more = {"via": self.via} if self.via != "direct" else {}
         return head | more | ({"stored": str(self.stored)} if self.stored else {})
 
@@ -68,10 +63,10 @@ class BenchStudy(Study):
             BenchPoint(
                 f"{case.name}, overlap {case.overlap:g}", case.trials * len(case.levels_db), "rows", number
             )
-            for number, case in enumerate(self._list.cases)
+            for number, case in enumerate(self.cases.cases)
         ]
-        if self._list.turns:
-            points.append(BenchPoint("cost by turns", self._list.turns * 8 * len(points), "turns"))
+        if self.cases.turns:
+            points.append(BenchPoint("cost by turns", self.cases.turns * 8 * len(points), "turns"))
         return points
 
     def measure(self, point: Point) -> list[dict[str, Any]]:
@@ -82,23 +77,23 @@ class BenchStudy(Study):
         if self.stored is not None:
             turned = point.table == "turns"
             path = self.stored.parent / "turns" / self.stored.name if turned else self.stored
-            case = None if turned else self._list.cases[point.number]
+            case = None if turned else self.cases.cases[point.number]
             return [
                 row
                 for row in (read_rows(path, self.tables[point.table]) if path.is_file() else ())
                 if case is None or (row["case"], row["overlap"]) == (case.name, case.overlap)
             ]
         if point.table == "turns":
-            cases = ((case, case.levels_db[len(case.levels_db) // 2]) for case in self._list.cases)
+            cases = ((case, case.levels_db[len(case.levels_db) // 2]) for case in self.cases.cases)
             frames = [(case, frames_of(case, level_db)) for case, level_db in cases]
-            return list(turn_rows(self.entries, frames, self._list.turns))
+            return list(turn_rows(self.entries, frames, self.cases.turns))
         with tempfile.TemporaryDirectory(prefix="radalt_bench_") as folder:
-            return list(self._rows(self._list.cases[point.number], Path(folder)))
+            return list(self._rows(self.cases.cases[point.number], Path(folder)))
 
     @property
     def max_jobs(self) -> int | None:  # type: ignore[override]
         """See `Study.max_jobs`: a list with turns is measured in one process."""
-        return 1 if self._list.turns else None
+        return 1 if self.cases.turns else None
 
     def _rows(self, case: Case, folder: Path) -> Iterator[dict[str, Any]]:
         failed, flowgraphs = dict.fromkeys(self.entries, 0), {}
@@ -110,7 +105,7 @@ class BenchStudy(Study):
                 return
             frames = frames_of(case, level_db)
             for entry in running:
-                names, out = (self._list.name, self._list.digest), run(entry, frames)
+                names, out = (self.cases.name, self.cases.digest), run(entry, frames)
                 if flowgraphs:  # the cost stays that of one frame at a time
                     out = replace(out, results=flowgraphs[entry](frames.scene))
                 row = row_of(names, case, entry, frames, out)

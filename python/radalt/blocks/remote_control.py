@@ -18,7 +18,7 @@ from .transmit_gate import gates_of
 _POLL_MS = 20  # time between polls of both threads, ms: fifty beats within the gates' limit of 1 s
 _STATE_EVERY = 50  # polls between state messages: one second
 _WAIT_S = 0.1  # pause of a thread after an error, s
-_MOST_PARTS = 1000  # most parts of a message that is received completely and answered
+_MOST_PARTS = 1000  # most parts of a message that is received completely and replied to
 _QUEUED = 10_000  # messages queued for a slow subscriber: 1.4 s of seven methods; more are dropped
 
 

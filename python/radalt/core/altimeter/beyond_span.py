@@ -17,8 +17,6 @@ from .altimeter_settings import FASTEST_M_PER_S
 _MARGIN_CELLS = 2
 # Probability per frame of noise that its strongest pair is taken for a return: far below the altimeter's false alarms.
 _PFA = 1e-5
-# Least significance of either half sweep's line (-log of its probability in noise), the altimeter's own floor.
-_FLOOR = 3.0
 # Training cells on either side of a line, and guard cells next to it.
 _TRAIN, _GUARD = 64, 2
 # Least power of a pair of lines beyond the span over that within it (-10 dB): weaker ones are no rival of anything.
@@ -107,7 +105,7 @@ class BeyondSpan:
             ratio = line / max(float(pair[: first - 2].max()), 1e-30)
             if ratio >= WEAKEST:
                 each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
-                out[k] = ratio if sum(each) > self._threshold and min(each) >= _FLOOR else np.nan
+                out[k] = ratio if sum(each) > self._threshold else np.nan
 
     def _significance(self, power: np.ndarray, cell: int) -> np.ndarray:
         """(1,) `significance` of a cell over the noise around it."""

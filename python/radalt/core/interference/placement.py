@@ -52,10 +52,6 @@ class Interferer:
         if self.start is not None and not 0 <= self.start <= 1:
             raise ValueError(f"start is {self.start!r}; it has to be within 0..1, or none for random")
 
-    def burst_samples(self, frame_samples: int) -> int:
-        """Active samples in a frame."""
-        return 0 if self.overlap == 0 else max(1, round(self.overlap * frame_samples))
-
 
 def interference_frame(
     interferer: Interferer, frame_samples: int, rate_hz: float, rng: np.random.Generator
@@ -69,7 +65,7 @@ def interference_frame(
 def _place(frame: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.random.Generator) -> None:
     """Write one burst, and silence around it, into a frame, complex64 or complex128."""
     frame_samples = frame.size
-    count = interferer.burst_samples(frame_samples)
+    count = max(1, round(interferer.overlap * frame_samples)) if interferer.overlap else 0
     if count < frame_samples:
         frame.view(frame.real.dtype)[:] = 0  # a quarter of the time of complex zeros
     if count == 0:

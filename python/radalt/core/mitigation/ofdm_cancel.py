@@ -22,7 +22,7 @@ from .ofdm.tracking import TrackingState, grid_of, next_state, tracked
 from .outcome import PASSED, Outcome
 
 _TINY = float(np.finfo(np.float32).tiny)
-_LOOK_FFTS = 5.0  # price of a look for a return, or for a prefix
+_TEST_FFTS = 5.0  # cost of a test for a return, or for a prefix
 
 
 class OfdmCancel(Mitigation):
@@ -134,7 +134,7 @@ class OfdmCancel(Mitigation):
         level = float(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not _TINY < level < np.inf:  # of powers that no float32 holds
             return None
-        self._ffts = _LOOK_FFTS
+        self._ffts = _TEST_FFTS
         for receiver in self._receivers.values():
             receiver.ffts = 0.0
         visibility = self._returns.visibility(frame)
@@ -185,7 +185,7 @@ class OfdmCancel(Mitigation):
             if prefix.contrast > s.certain_contrast:
                 break
         prefix, kind = best
-        self._ffts += _LOOK_FFTS
+        self._ffts += _TEST_FFTS
         if prefix.contrast < s.prefix_contrast:
             self._in_vain = 0  # nothing to be searched
             return None

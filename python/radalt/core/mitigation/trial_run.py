@@ -30,7 +30,7 @@ _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; pe
 def try_out(what: str, waveform: Waveform, *files: Path) -> None:
     """Build the method of foreign files in another process and clean a frame; files already tried return at once.
 
-    Worker processes skip it: their work has a time limit, and the program that started them has rehearsed.
+    Worker processes skip it: their work has a time limit, and the program that started them made the trial run.
 
     ``what``: "method file" or "tcae model"; ``*files``: one, or a network's encoder and decoder. Raises
     `MitigationError`: the file cannot be read, does not end within `LIMIT_S`, ends its process, or what the method
@@ -44,13 +44,13 @@ def try_out(what: str, waveform: Waveform, *files: Path) -> None:
     if _FLAG in os.environ or multiprocessing.parent_process() is not None:
         return
     written = tuple((status.st_mtime_ns, status.st_size) for status in (file.stat() for file in files))
-    problem = _rehearsed(what, "+".join(str(file.resolve()) for file in files), written, waveform)
+    problem = _tried(what, "+".join(str(file.resolve()) for file in files), written, waveform)
     if problem:
         raise MitigationError(problem)
 
 
 @functools.lru_cache(maxsize=64)
-def _rehearsed(what: str, file: str, written: tuple[tuple[int, int], ...], waveform: Waveform) -> str:
+def _tried(what: str, file: str, written: tuple[tuple[int, int], ...], waveform: Waveform) -> str:
     """What is wrong with a file, or two, by its name, time and size; empty for nothing."""
     del written  # another file of the same name is another key
     read, write = os.pipe()

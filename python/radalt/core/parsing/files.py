@@ -13,7 +13,6 @@ from .messages import CONTROL, InputError, shown
 
 _MEGA = 1 << 20  # bytes in a MiB
 _YAML_BYTES = _MEGA  # largest YAML file, bytes: ten times the longest scene; PyYAML takes 15 s for it
-_TAGS = ("str", "int", "float", "bool", "null", "seq", "map")
 
 
 def check_file(path: Path | str, *, most_bytes: int, what: str, remedy: str = "name another file") -> Path:
@@ -88,8 +87,8 @@ def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") 
     """Content of a YAML file, by a strict reader: plain values, each key once.
 
     Errors besides invalid YAML are a key twice in one mapping (YAML keeps the last without a word), aliases (a few
-    lines of them expand to a billion values), and tags other than those of JSON's types. Dates stay text, and so does
-    1:30, which YAML 1.1 defines as 90. Raises `InputError`: file, line where there is one, what is wrong.
+    lines of them expand to a billion values), and tags that are not YAML's own. Dates stay text, and so does 1:30, 90
+    in YAML 1.1. Raises `InputError`: file, line where there is one, what is wrong.
     """
     import yaml
 
@@ -151,15 +150,9 @@ def _loader() -> type:
 
         return made
 
-    tags = {tag: f"tag:yaml.org,2002:{tag}" for tag in _TAGS}
-    Loader.yaml_constructors = {
-        tag: make
-        for tag, make in yaml.SafeLoader.yaml_constructors.items()
-        if tag is None or tag in tags.values()
-    }
-    Loader.add_constructor(tags["str"], text)
+    Loader.add_constructor("tag:yaml.org,2002:str", text)
     for kind in ("int", "float", "bool"):
-        Loader.add_constructor(tags[kind], number(kind))
+        Loader.add_constructor(f"tag:yaml.org,2002:{kind}", number(kind))
     Loader.yaml_implicit_resolvers = {
         first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
         for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()

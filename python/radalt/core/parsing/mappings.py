@@ -39,11 +39,11 @@ _UNIT = re.compile(r"(_m_per_s|_[a-z]+)(?:\[\d+\])*$")
 _WHOLE = 2**63 - 1  # largest integer: int64
 
 
-def whole(value: Any, where: str, low: int, high: int, remedy: str = "") -> int:
+def whole(value: Any, where: str, low: int, high: int) -> int:
     """An integer within ``low..high``, or one line about what is allowed."""
     number = convert(int, value, where)
     if not low <= number <= high:
-        raise ValueError(f"{where} is {shown(number)}; it has to be within {low}..{high}{remedy}")
+        raise ValueError(f"{where} is {shown(number)}; it has to be within {low}..{high}")
     return number
 
 

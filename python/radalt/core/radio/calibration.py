@@ -4,8 +4,7 @@ A radio's latency is the same at every start with a common start time, and depen
 its rate. It is measured once with a direct cable (and attenuators) from TX to RX and stored. Every later measurement
 subtracts it, so that the path outside the radio remains.
 
-The file maps ``<type>/<serial>/<master clock>/<rate>`` to samples. Entries ``<master clock>/<rate>`` name no radio:
-they are kept and never used.
+The file maps ``<type>/<serial>/<master clock>/<rate>`` to samples.
 """
 
 import os
@@ -31,12 +30,7 @@ class CalibrationKey:
     rate_hz: float
 
     def __str__(self) -> str:
-        return f"{self.device_type}/{self.serial}/{self.without_radio}"
-
-    @property
-    def without_radio(self) -> str:
-        """The key without type and serial number, ``<master clock>/<rate>``."""
-        return f"{self.master_clock_hz:.0f}/{self.rate_hz:.0f}"
+        return f"{self.device_type}/{self.serial}/{self.master_clock_hz:.0f}/{self.rate_hz:.0f}"
 
 
 def calibration_path() -> Path:
@@ -69,19 +63,10 @@ def _read(path: Path) -> dict[str, float]:
 def load_latency_samples(key: CalibrationKey, path: Path | str | None = None) -> float | None:
     """Stored latency in samples, fraction included; None without a calibration of this radio, clock and rate.
 
-    Raises `CalibrationError` if the file exists but cannot be used, or if its only entry for this clock and rate
-    names no radio.
+    Raises `CalibrationError` if the file exists but cannot be used.
     """
-    path = Path(path) if path else calibration_path()
-    table = _read(path)
-    if key.serial and str(key) in table:
-        return table[str(key)]
-    if key.without_radio in table:
-        raise CalibrationError(
-            f"calibration {path}: the entry {key.without_radio!r} names no radio; calibrate anew, or rename it to "
-            f"'{key.device_type}/{key.serial or 'SERIAL'}/{key.without_radio}' if it is this one's, or remove it"
-        )
-    return None
+    table = _read(Path(path) if path else calibration_path())
+    return table.get(str(key)) if key.serial else None
 
 
 def store_latency_samples(

@@ -5,8 +5,7 @@ from scipy import fft
 from scipy.linalg import blas
 
 from ..waveform import altitude_to_delay_s
-from .leakage import REACH_M, LeakageCanceller
-from .segmenter_settings import SegmenterSettings
+from .leakage import LeakageCanceller
 from .sweep_check import COARSE, TOLERANCE
 from .sweep_finder import ALONE, SweepFinder
 
@@ -15,7 +14,6 @@ from .sweep_finder import ALONE, SweepFinder
 _UNLIKE = 0.5
 _STEPS, _DERIVED = 2, 1e-3  # Gauss-Newton steps of the delay; step of its derivative, samples
 _LEAST_LEFT = 0.3  # share of the leakage that a ground at almost the same place has to leave to it
-_REST = 0.1  # share of the leakage's energy up to which a line near its place is what was left of it
 _NEAR, _FLANK = 2, 3  # samples searched next to its place; samples on either side that belong to one line
 
 
@@ -25,12 +23,12 @@ class LeakageTiming:
     ``canceller``: aligned with the timing that is assumed; ``finder``: of the same sweep.
     """
 
-    def __init__(self, canceller: LeakageCanceller, settings: SegmenterSettings, finder: SweepFinder) -> None:
-        self.canceller, self._settings, self._finder = canceller, settings, finder
+    def __init__(self, canceller: LeakageCanceller, finder: SweepFinder) -> None:
+        self.canceller, self._finder = canceller, finder
+        self._present = 0.6 * finder.settings.lock_threshold
         w = canceller.waveform
         self._rate, self._n = w.rate_hz, w.samples_per_frame
         self._last: tuple | None = None
-        self._reach_samples = float(altitude_to_delay_s(REACH_M)) * w.rate_hz
         # where the leakage's line peaks, which the echo of a landing gear moves: what timing is taken on
         self._place_samples = finder.delay_samples(canceller.background) or 0.0
 
@@ -132,7 +130,7 @@ class LeakageTiming:
         unlike = np.abs(like - 1.0)
         lag = int(np.argmin(unlike))
         top = float(power[lag])
-        if unlike[0] < _UNLIKE or unlike[lag] >= _UNLIKE or top < 0.6 * self._settings.lock_threshold * mean:
+        if unlike[0] < _UNLIKE or unlike[lag] >= _UNLIKE or top < self._present * mean:
             return None
         flank = np.arange(-_FLANK, _FLANK + 1)
         if float(power[(lag + flank) % n].max()) > ALONE * top:  # the flank of a stronger return
@@ -144,11 +142,7 @@ class LeakageTiming:
         return float(lag if lag < n // 2 else lag - n)
 
     def verdict(
-        self,
-        found: tuple[str, float, float],
-        slip: float | None,
-        sent: tuple[float, float] | None,
-        cleaned: np.ndarray,
+        self, found: tuple[str, float, float], slip: float | None, sent: tuple[float, float] | None
     ) -> tuple[str, float, float]:
         """`SweepCheck.verdict` of a frame, the leakage subtracted, together with where the leakage is.
 
@@ -160,9 +154,4 @@ class LeakageTiming:
             return "verified", expected, TOLERANCE
         if slip is not None:
             return "contradicted", expected + slip, COARSE
-        verdict, seen, tolerance = found
-        if verdict == "contradicted" and abs(seen) <= self._reach_samples + 1.0:
-            rails = cleaned.view(np.float32)
-            if blas.sdot(rails, rails) < _REST * self.canceller.energy:
-                return "undetermined", 0.0, tolerance
         return found

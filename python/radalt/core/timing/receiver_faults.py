@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ..waveform import Waveform
 from .repeated_frames import RepeatedFrames
 from .sweep_finder import SweepFinder
 
@@ -23,10 +22,10 @@ class ReceiverFaults:
     the sweep too: one rail is dead or delayed).
     """
 
-    def __init__(self, waveform: Waveform, finder: SweepFinder, *, noise: bool) -> None:
+    def __init__(self, finder: SweepFinder, *, noise: bool) -> None:
         self._finder = finder
-        self._repeated = RepeatedFrames(waveform.sweep_s) if noise else None
-        self._step = max(1, waveform.samples_per_frame // _MARKS)
+        self._repeated = RepeatedFrames(finder.waveform.sweep_s) if noise else None
+        self._step = max(1, finder.waveform.samples_per_frame // _MARKS)
         self.fault = ""
 
     def marks(self, frames: np.ndarray) -> list[bytes]:

@@ -30,9 +30,9 @@ _COUNTERS = (
     *("frames", "torn", "discontinuities", "lost_samples", "lock_losses", "unlocked_frames"),
     *("faulty_frames", "acquisitions", "index_corrections"),
 )
-# Frames without a sweep after which only one frame in `_PAUSE` is searched over all delays, which costs six FFTs. The
-# frames between are searched once one of them, or the matched filters, show the sweep again.
-_UNSEEN, _PAUSE = 8, 4
+# Frames without a sweep after which only one in ``confirm_frames + 2`` is searched over all delays, which costs six
+# FFTs. Those between are still held, and searched once one of them, or the matched filters, show the sweep again.
+_UNSEEN = 8
 
 
 class FrameSegmenter:
@@ -101,13 +101,13 @@ class FrameSegmenter:
         self.true_delay, self.point_target = true_delay, point_target
         self._n = waveform.samples_per_frame
         self._finder = SweepFinder(waveform, settings, true_delay=true_delay)
-        self._check = SweepCheck(waveform, settings, self._finder, max_altitude_m)
+        self._check = SweepCheck(self._finder, max_altitude_m)
         self.leakage = leakage
-        self._leakage = None if leakage is None else LeakageTiming(leakage, settings, self._finder)
+        self._leakage = None if leakage is None else LeakageTiming(leakage, self._finder)
         self._installation_m = 0.0 if leakage is None else leakage.installation_delay_m
         # spare capacity: the buffer is compacted only every few frames
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
-        self._faults = ReceiverFaults(waveform, self._finder, noise=noise)
+        self._faults = ReceiverFaults(self._finder, noise=noise)
         self.counters = dict.fromkeys(_COUNTERS, 0)
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
@@ -126,7 +126,6 @@ class FrameSegmenter:
         self._unseen = 0  # frames since one showed the sweep
         self._held: deque[tuple[Frame, str]] = deque()
         self._slips = Slips(self.settings.confirm_frames)
-        self._pause = min(_PAUSE, self.settings.confirm_frames + 2)  # unchecked frames are still held
 
     def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
         """Altitude in metres and range rate in m/s of a sweep by its index, where a person sets it."""
@@ -188,9 +187,8 @@ class FrameSegmenter:
         self.counters["discontinuities"] += 1
         self.counters["lost_samples"] += max(0, lost_samples)
         counter = self.sample_counter + lost_samples
-        if (
-            self.state == ACQUIRING or lost_samples < 0
-        ):  # time that runs backwards says nothing about the sweep
+        # time that runs backwards says nothing about the sweep
+        if self.state == ACQUIRING or lost_samples < 0:
             return self.restart(counter)
         released = self.drain()
         torn = -(-(counter - self._origin) // self._n)
@@ -253,9 +251,18 @@ class FrameSegmenter:
         """View of the samples ``first..last-1`` that wait."""
         return self._buffer[self._first + first : self._first + last]
 
-    def _next_frame(self) -> None:
+    def _skip_frame(self) -> bool:
+        """Drop a frame without timing."""
+        self.counters["unlocked_frames"] += 1
         self._consume(self._n)
         self._index += 1
+        return True
+
+    def _lock(self, index: int) -> bool:
+        """Timing is known from sweep ``index`` on, which begins with the next sample."""
+        self.state, self._index = LOCKED, index
+        self.counters["acquisitions"] += 1
+        return True
 
     # -- acquisition ----------------------------------------------------------------------------------------------
 
@@ -265,23 +272,15 @@ class FrameSegmenter:
         if self._filled < needed:
             return False
         found = self._locate(self._n, needed)
-        if found is not None and self._faults.conjugated(self._waiting(self._n, 2 * self._n)):
-            found = None
-        if found is None:
-            self.counters["unlocked_frames"] += 1
-            self._consume(self._n)
-            return True
+        if found is None or self._faults.conjugated(self._waiting(self._n, 2 * self._n)):
+            return self._skip_frame()
         exact = found[1] - self.reference_samples
-        start = self._n + found[0] + round(exact)
         self._offset_s = (exact - round(exact)) / self.waveform.rate_hz
         # timing is known, also of earlier frames: go back to the first whole one
-        first = start % self._n
-        self._consume(first)
+        self._consume((found[0] + round(exact)) % self._n)
         # one sample of tolerance: a latency near zero may be estimated slightly below it
-        self._index = int(np.floor((self._origin + self._offset_s * self.waveform.rate_hz + 1.0) / self._n))
-        self.state = LOCKED
-        self.counters["acquisitions"] += 1
-        return True
+        index = (self._origin + self._offset_s * self.waveform.rate_hz + 1.0) / self._n
+        return self._lock(int(np.floor(index)))
 
     def _locate(self, first: int, last: int) -> tuple[int, float] | None:
         """As `SweepFinder.locate`; where the leakage is known, timing is acquired on it alone."""
@@ -303,19 +302,17 @@ class FrameSegmenter:
         return done
 
     def _emit(self, samples: np.ndarray, mark: bytes, out: list[Frame]) -> None:
-        if self._faults.found_in(samples, mark, self._index):  # before anything is subtracted
-            self.counters["faulty_frames"] += 1
-            self._origin += self._n
-            self._index += 1
-            return
         frame = Frame(self._index, self._origin, samples, self._offset_s)
+        self._origin += self._n
+        self._index += 1
+        if self._faults.found_in(samples, mark, frame.index):  # before anything is subtracted
+            self.counters["faulty_frames"] += 1
+            return
         slip = None
         if self._leakage is not None:
             slip = self._leakage.slip(samples, frame.index, self._expected(frame.index), self._offset_s)
             frame.samples = samples = self._leakage.canceller.clean(samples, frame.index)
             frame.offset_s += float(altitude_to_delay_s(self._installation_m))
-        self._origin += self._n
-        self._index += 1
         if not self.settings.monitor:
             out.append(frame)
             return
@@ -324,23 +321,20 @@ class FrameSegmenter:
         found = NOT_CHECKED
         if slip is None:
             near = self._check.near(samples, sent, self._offset_s)
-            if near is not None or seen_before or self._unseen % self._pause == 0:
+            due = self._unseen % (self.settings.confirm_frames + 2) == 0
+            if near is not None or seen_before or due:
                 found = self._check.verdict(samples, sent, self._offset_s, near)
         if self._leakage is not None:
-            found = self._leakage.verdict(found, slip, sent, samples)
+            found = self._leakage.verdict(found, slip, sent)
         shown = found[0] in ("verified", "contradicted")
         self._unseen = 0 if shown else self._unseen + 1
         known = sent is not None or slip == 0.0
         self.unverified_frames = 0 if found[0] == "verified" and known else self.unverified_frames + 1
-        if shown and not seen_before:
-            counted = self._index
-            if not self._check_back(out):
-                self.counters["unlocked_frames"] += 1
-                return
-            if self._index != counted:
-                frame.index += self._index - counted
-                found = self._verdict(frame)
-        self._judge(frame, found, out)
+        counted = self._index
+        if seen_before or not shown or self._check_back(out):
+            moved = self._index - counted
+            frame.index += moved
+            self._judge(frame, self._verdict(frame) if moved else found, out)
 
     def _check_back(self, out: list[Frame]) -> bool:
         """Judge the frames from the first unchecked one on, now that the sweep shows; whether the lock holds."""
@@ -348,10 +342,13 @@ class FrameSegmenter:
         checked = next((n for n, (_, verdict) in enumerate(held) if verdict == NOT_CHECKED[0]), len(held))
         unchecked = [held.pop()[0] for _ in range(len(held) - checked)][::-1]
         counted = self._index
-        for number, frame in enumerate(unchecked, 1):
-            frame.index += self._index - counted
-            if not self._judge(frame, self._verdict(frame, near=self._index != counted), out):
-                self.counters["unlocked_frames"] += len(unchecked) - number
+        for number, frame in enumerate(unchecked):
+            moved = self._index - counted
+            frame.index += moved
+            if not self._judge(frame, self._verdict(frame, near=moved != 0), out):
+                self.counters["unlocked_frames"] += (
+                    len(unchecked) - number
+                )  # and the one that showed the sweep
                 return False
         return True
 
@@ -381,10 +378,8 @@ class FrameSegmenter:
         """``seen`` is the measured delay of sweep ``index`` in samples."""
         sent = self._sent(index)
         expected = "within the altitude span" if sent is None else f"at {sent[0]:g} m"
-        seen_m = seen / self.waveform.rate_hz / float(altitude_to_delay_s(1.0))
-        self.lock_loss = (
-            f"sweep {index} was expected {expected} and seen near {round(seen_m, -1) + 0.0:.0f} m"
-        )
+        seen_m = round(seen / self.waveform.rate_hz / float(altitude_to_delay_s(1.0)), -1) + 0.0
+        self.lock_loss = f"sweep {index} was expected {expected} and seen near {seen_m:.0f} m"
 
     def _lose_lock(self, frames: int) -> None:
         self.counters["lock_losses"] += 1
@@ -453,16 +448,12 @@ class FrameSegmenter:
         count = self.settings.acquisition_frames
         # two frames of margin at either end of the section: the index itself may be wrong by the lost frames
         if section is None or self._index != section[0] + 2:
-            self.counters["unlocked_frames"] += 1
-            self._next_frame()
-            return True
+            return self._skip_frame()
         if self._filled < (count + 1) * self._n:
             return False
         found = self._locate(0, (count + 1) * self._n)
         if found is None:
-            self.counters["unlocked_frames"] += 1
-            self._next_frame()
-            return True
+            return self._skip_frame()
         self._offset_s = found[1] / self.waveform.rate_hz
         self._section_end = section[0] + section[1]
         self._consume(found[0] % self._n)
@@ -476,25 +467,15 @@ class FrameSegmenter:
             waiting = self._leakage.canceller.subtract(waiting[None], self._index)[0]
         peak, significance, _ = self._finder.correlate(waiting)
         delay = peak if peak < self._n // 2 else peak - self._n
-        after = (
-            float(altitude_to_delay_s(self.programme.altitude_m(self._section_end))) * self.waveform.rate_hz
-        )
-        present = significance >= 0.6 * self.settings.lock_threshold
-        stepped = present and abs(delay) > 1.0
+        after_s = altitude_to_delay_s(self.programme.altitude_m(self._section_end))
+        after = float(after_s) * self.waveform.rate_hz
+        stepped = significance >= 0.6 * self.settings.lock_threshold and abs(delay) > 1.0
         overdue = self._index > self._section_end + 4
         if stepped and abs(delay - after) > 1.5 or overdue and after >= 1.0:
             self.state = LOST  # not the step that was due: more samples went missing
-            self.counters["unlocked_frames"] += 1
-            self._next_frame()
-            return True
-        if stepped or overdue:
-            self._index = self._section_end if stepped else self._index
-            self.state = LOCKED
-            self.counters["acquisitions"] += 1
-            return True
-        self.counters["unlocked_frames"] += 1
-        self._next_frame()
-        return True
+        elif stepped or overdue:
+            return self._lock(self._section_end if stepped else self._index)
+        return self._skip_frame()
 
     @property
     def fault(self) -> str:

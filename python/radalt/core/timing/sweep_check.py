@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ..waveform import Waveform, altitude_to_delay_s
-from .segmenter_settings import SegmenterSettings
+from ..waveform import altitude_to_delay_s
 from .sweep_finder import ALONE, SweepFinder
 
 # Largest error of a delay, samples: by the matched filter, by the correlation.
@@ -17,12 +16,10 @@ class SweepCheck:
     ``finder``: of the same sweep; ``max_altitude_m``: highest altitude, for frames whose altitude is not known.
     """
 
-    def __init__(
-        self, waveform: Waveform, settings: SegmenterSettings, finder: SweepFinder, max_altitude_m: float
-    ) -> None:
+    def __init__(self, finder: SweepFinder, max_altitude_m: float) -> None:
+        self._finder, waveform = finder, finder.waveform
         self._rate, self._n = waveform.rate_hz, waveform.samples_per_frame
-        self._finder = finder
-        self._present = 0.6 * settings.lock_threshold
+        self._present = 0.6 * finder.settings.lock_threshold
         self._max_delay_samples = float(altitude_to_delay_s(max_altitude_m)) * waveform.rate_hz
         # delay in samples by which Doppler moves a half sweep's peak, per m/s of range rate
         doppler_hz = float(waveform.vertical_speed_to_doppler_hz(1.0))

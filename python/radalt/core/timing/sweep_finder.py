@@ -29,7 +29,7 @@ class SweepFinder:
     """
 
     def __init__(self, waveform: Waveform, settings: SegmenterSettings, *, true_delay: bool) -> None:
-        self._waveform, self._settings, self._true_delay = waveform, settings, true_delay
+        self.waveform, self.settings, self._true_delay = waveform, settings, true_delay
         self._n = waveform.samples_per_frame
         # separate halves: a beat shift rotates their phases apart by k tau^2 cycles, so they add in power only
         halves = np.zeros((2, self._n), dtype=np.complex64)
@@ -53,15 +53,15 @@ class SweepFinder:
 
     def locate(self, samples: np.ndarray) -> tuple[int, float] | None:
         """Sweep start within ``samples`` (at least acquisition_frames + 1 frames): whole samples and rest, or None."""
-        n, count = self._n, self._settings.acquisition_frames
-        rotation = np.conj(self._waveform.frame_rotation(np.arange(count))).reshape(-1, 1)
+        n, count = self._n, self.settings.acquisition_frames
+        rotation = np.conj(self.waveform.frame_rotation(np.arange(count))).reshape(-1, 1)
         folded = (samples[: count * n].reshape(count, n) * rotation).mean(axis=0).astype(np.complex64)
         peak, significance, _ = self.correlate(folded)
-        if significance < 0.6 * self._settings.lock_threshold:
+        if significance < 0.6 * self.settings.lock_threshold:
             return None
         aligned = samples[peak : peak + count * n].reshape(count, n)
         each = self._fine.process((aligned * rotation).astype(np.complex64))
-        delays = altitude_to_delay_s(each["altitude_m"]) * self._waveform.rate_hz
+        delays = altitude_to_delay_s(each["altitude_m"]) * self.waveform.rate_hz
         if not each["valid"].all() or np.ptp(delays) > _MAX_SPREAD_SAMPLES:
             return None  # a frame among them is torn, or there is no sweep
         total = peak + float(np.mean(delays))
@@ -72,7 +72,7 @@ class SweepFinder:
         """Delay in samples at which `locate` finds the strongest line of one frame (N,), near zero, or None."""
         found = self._fine.process(frame[None])[0]
         return (
-            float(altitude_to_delay_s(found["altitude_m"])) * self._waveform.rate_hz
+            float(altitude_to_delay_s(found["altitude_m"])) * self.waveform.rate_hz
             if found["valid"]
             else None
         )
@@ -106,7 +106,7 @@ class SweepFinder:
         image = float(mirrored[near].max())
         mirrored[near] = 0.0
         mirrored[(near + self._n // 2) % self._n] = 0.0  # where a centred sweep's own conjugate lies
-        alone = image >= max(self._settings.lock_threshold * mean, ALONE * float(mirrored.max()))
+        alone = image >= max(self.settings.lock_threshold * mean, ALONE * float(mirrored.max()))
         return image / float(power[peak]) if alone else 0.0
 
     def _power(self, frame: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ class SweepFinder:
         strength = response[best] ** 2 * self._n / energy
         self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
         away = max(response[: max(0, best - 1)] + response[best + 2 :])
-        if strength < self._settings.lock_threshold or response[best] ** 2 < ALONE * away**2:
+        if strength < self.settings.lock_threshold or response[best] ** 2 < ALONE * away**2:
             return None
         if strength < self._fine_strength or not 0 < best < 4:
             return float(best - 2), strength
@@ -151,7 +151,7 @@ class SweepFinder:
         if key not in self._expected:
             if len(self._expected) >= 64:
                 self._expected.clear()
-            w, delay_s = self._waveform, float(altitude_to_delay_s(altitude_m))
+            w, delay_s = self.waveform, float(altitude_to_delay_s(altitude_m))
             if self._true_delay:  # the sweep before ends as this one does
                 spectrum = self._spectrum * self._delay(offset_s + delay_s)
             else:
@@ -167,8 +167,8 @@ class SweepFinder:
     def _delay(self, delay_s: float) -> np.ndarray:
         """(N,) complex64 factors of a sweep's spectrum that delay it; those of the last delay are kept."""
         if self._delayed[0] != delay_s:
-            factors = self._ramp(-delay_s * self._waveform.rate_hz / self._n, self._n)
-            factors[self._wraps :] *= np.complex64(np.exp(2j * np.pi * delay_s * self._waveform.rate_hz))
+            factors = self._ramp(-delay_s * self.waveform.rate_hz / self._n, self._n)
+            factors[self._wraps :] *= np.complex64(np.exp(2j * np.pi * delay_s * self.waveform.rate_hz))
             self._delayed = delay_s, factors
         return self._delayed[1]
 

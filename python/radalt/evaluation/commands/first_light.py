@@ -3,7 +3,7 @@
     .venv/bin/python flowgraphs/first_light.py --sim  # the same steps on a simulated bench, seconds
     .venv/bin/python flowgraphs/first_light.py --transmit --scene my_bench.yaml
 
-Leads through receiver, radar, jammer, both, and ten minutes of endurance (docs/hardware.md), and goes on to the end
+Leads through receiver, radar, jammer, both, and ten minutes of endurance (docs/first-light.md), and goes on to the end
 whatever fails. Nothing is transmitted unless the scene names the enclosure and --transmit is given.
 """
 

@@ -26,7 +26,7 @@ from ...core.mitigation.tcae import default_model_path
 from ...core.parsing import read_text
 from ...core.plugins import VARIABLE as PLUGINS
 from ..results.folder import versions
-from .pool import WorkerError, answered, outcome_of, processes
+from .pool import WorkerError, outcome_of, processes, replied
 from .study import Point, Study
 from .task import Outcome, measure_point
 
@@ -212,12 +212,12 @@ class Measurer(WorkerPlugin):
         return out
 
     def measure(self, task: bytes, time_limit_s: float) -> bytes:
-        """Measure a task in a thread of the worker; returns the pickled reply of `answered`."""
+        """Measure a task in a thread of the worker; returns the pickled reply of `replied`."""
         if self.refused:
             return pickle.dumps((True, self.refused))
         call = (_measured, self.study, self.files, pickle.loads(task))
         try:
-            waited = self.processes.schedule(answered, call, timeout=time_limit_s)
+            waited = self.processes.schedule(replied, call, timeout=time_limit_s)
             failed, value = outcome_of(waited, time_limit_s)
         except WorkerError as error:
             failed, value = True, str(error)

@@ -44,12 +44,9 @@ class Bar:
         from tqdm import tqdm
 
         if self._bar is None:
-            form = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}, {postfix}]"
-            self._bar = tqdm(total=p.total, initial=p.done, unit="point", dynamic_ncols=True, bar_format=form)
-        self._bar.total = p.total
-        self._bar.update(p.done - self._bar.n)
-        if p.remaining_s is not None:
-            self._bar.set_postfix_str(f"about {duration(p.remaining_s)} left")
+            self._bar = tqdm(total=p.frames, unit="frame", dynamic_ncols=True)
+        self._bar.set_description(f"{p.done} of {counted(p.total, 'point')}", refresh=False)
+        self._bar.update(p.measured - self._bar.n)
 
     def close(self) -> None:
         """End the bar's line."""

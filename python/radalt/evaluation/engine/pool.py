@@ -25,7 +25,7 @@ class WorkerError(RuntimeError):
     """A task that failed; the message is one line for the user."""
 
 
-def answered(function: Callable[..., Any], *arguments: Any) -> tuple[bool, Any]:
+def replied(function: Callable[..., Any], *arguments: Any) -> tuple[bool, Any]:
     """(failed, value or message): errors meant for the user are returned as one line.
 
     These are `ValueError` and `RuntimeError`, the bases of all errors of the package, a full disk and a full memory.
@@ -75,7 +75,7 @@ def run_tasks(
         def hand_out() -> None:
             # one task per worker without a queue, so that a time limit starts with the task
             for index, task in todo:
-                running[pool.schedule(answered, (function, task), timeout=time_limit_s)] = index
+                running[pool.schedule(replied, (function, task), timeout=time_limit_s)] = index
                 return
 
         # Ctrl-C is sent to the process group, and would interrupt the workers' imports: their owner ends them
@@ -106,7 +106,7 @@ def run_tasks(
 
 
 def outcome_of(future: Future, time_limit_s: float) -> tuple[bool, Any]:
-    """Result of `answered` in a pool; raises WorkerError if the process ended or exceeded its time."""
+    """Result of `replied` in a pool; raises WorkerError if the process ended or exceeded its time."""
     from concurrent.futures.process import BrokenProcessPool
 
     from pebble import ProcessExpired

@@ -27,7 +27,8 @@ class Progress:
     total: int
     resumed: int  # points that were measured before this start
     rows: Sequence[dict[str, Any]]  # rows of the last point; none at the first call
-    remaining_s: float | None  # by the time of the points so far; None before the first
+    measured: int  # frames of this start, of ``frames``
+    frames: int
     rejected: Sequence[str] = ()  # invalid lines of the journal; their points are measured again
 
 
@@ -66,7 +67,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
         measured = _measured(study.begin(folder.path), todo, options, jobs, cluster, resumed)
         peaks: dict[int | str, int] = {}
         _write_tables(study, points, folder)
-        progress(Progress(resumed, len(points), resumed, (), None, folder.rejected))
+        progress(Progress(resumed, len(points), resumed, (), 0, _frames(todo), folder.rejected))
         for point, outcome, state in measured:
             for path, stamp in inputs.items():
                 if _stamp(path) != stamp:
@@ -119,11 +120,12 @@ def _measured(
     resumed: int = 0,
 ) -> Iterator[tuple[Point, Outcome, Progress]]:
     """Every point as it is measured, and the state of the run after it, with the rows of the point's own table."""
-    remaining, total = _Remaining(points, jobs), resumed + len(points)
+    measured, frames, total = 0, _frames(points), resumed + len(points)
     for done, (index, outcome) in enumerate(_outcomes(study, points, options, jobs, cluster), resumed + 1):
         point = points[index]
         shown = [row for row in outcome.rows if study.table_of(point, row) == point.table]
-        yield point, outcome, Progress(done, total, resumed, shown, remaining.seconds(point))
+        measured += _frames([point])
+        yield point, outcome, Progress(done, total, resumed, shown, measured, frames)
 
 
 def _outcomes(
@@ -193,18 +195,6 @@ def _holds(study: Study, points: dict[str, Point], entry: dict[str, Any]) -> boo
         return False
 
 
-class _Remaining:
-    """Remaining time, in proportion to the frames of the points measured so far."""
-
-    def __init__(self, points: Sequence[Point], jobs: int) -> None:
-        self._left, self._jobs = {point.name: max(1, point.frames) for point in points}, jobs
-        self._total, self._begun = sum(self._left.values()), time.monotonic()
-
-    def seconds(self, point: Point) -> float:
-        """When ``point`` has been measured, too."""
-        del self._left[point.name]
-        left = sum(self._left.values())
-        # the other workers are in the middle of a point each
-        under_way = 0.5 * min(self._jobs - 1, len(self._left)) * left / max(1, len(self._left))
-        left -= under_way
-        return (time.monotonic() - self._begun) * left / (self._total - left)
+def _frames(points: Sequence[Point]) -> int:
+    """Frames of points, at least one each, by which progress is counted."""
+    return sum(max(1, point.frames) for point in points)

@@ -17,6 +17,7 @@ from ...core.parsing import shown
 from ..results.figure import own_style
 from ..results.folder import SCHEMA, RunFolder, flatten, versions
 from ..results.page import render, write_page
+from ..results.rows import Columns
 from ..results.score import BITS, pool
 from ..results.table import table
 from .figures import draw_cost, draw_pd
@@ -27,7 +28,9 @@ from .rows import COLUMNS, COUNTERS
 
 _REPRODUCED = [c for c in COLUMNS.names if c not in COLUMNS.timing]  # columns that a repetition has again
 _SINGLE = ("seed", *BITS, "real_time_factor")  # columns of a single run
-POOLED_COLUMNS = COLUMNS.subset(("source", "runs", *(c for c in COLUMNS.names if c not in _SINGLE)))
+POOLED_COLUMNS = Columns(
+    ("source", "runs", *(c for c in COLUMNS.names if c not in _SINGLE)), timing=COLUMNS.timing
+)
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
 _NOT_EMITTER = ("sir_db", "overlap")  # keys of an interferer that are axes of the report
 _BEFORE_ALL = -1e9  # order of a level that there is not: no interference, no noise

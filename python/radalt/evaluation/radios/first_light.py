@@ -25,7 +25,7 @@ from ...core.text import said
 from ..engine.options import EXPECTED
 from ..flowgraph.rewrite import RADAR_GATE
 from ..results.folder import FolderError, RunFolder, versions
-from ..results.page import write_pages
+from ..results.page import render, write_page
 from ..results.rows import TEXT, Columns
 from ..results.score import score
 from ..results.table import table
@@ -419,6 +419,7 @@ def report(folder: RunFolder, checks: Sequence[Check]) -> str:
         cells = ((c.what, c.shown, c.limit, c.verdict, c.cause * (c.verdict != "pass")) for c in mine)
         cells = [[cell.replace("|", "/") for cell in row] for row in cells]
         parts[STEPS[name].title] = table("measured | value | limit | verdict | likely cause", cells)
-    page = {"title": folder.head["source"], "verdict": verdict, "parts": parts}
-    page["run"] = {"command": "radalt first-light"}
-    return f"{verdict}\n{write_pages(folder, Path(__file__).with_suffix('.md.j2'), page)}"
+    text = render(
+        Path(__file__).with_suffix(".md.j2"), title=folder.head["source"], verdict=verdict, parts=parts
+    )
+    return f"{verdict}\n{write_page(folder, text, {'command': 'radalt first-light'})}"

@@ -84,11 +84,9 @@ def break_point(
     return BreakPoint(value, mark, *ends)
 
 
-def break_point_of(
-    rows: Sequence[Mapping[str, Any]], sir: str = "sir_db", *, level: float = BREAK_PD
-) -> BreakPoint:
+def break_point_of(rows: Sequence[Mapping[str, Any]], sir: str = "sir_db") -> BreakPoint:
     """`break_point` of the rows of one curve, with ``pd``, ``pd_low`` and ``pd_high``, over the column ``sir``."""
-    return break_point(*([r[c] for r in rows] for c in (sir, "pd", "pd_low", "pd_high")), level=level)
+    return break_point(*([r[c] for r in rows] for c in (sir, "pd", "pd_low", "pd_high")))
 
 
 def _crossing(sir: np.ndarray, pd: np.ndarray, level: float) -> tuple[float, str]:
@@ -117,12 +115,5 @@ def protection_gain(base: BreakPoint, method: BreakPoint) -> Gain:
     >>> str(protection_gain(none, break_point([-20, -60], [1, 1])))
     '≥ 39.0'
     """
-    return Gain(*_joined(base.sir_db - method.sir_db, {base.mark, _TURNED[method.mark]}))
-
-
-def _joined(db: float, marks: set[str]) -> tuple[float, str]:
-    """(value, mark) of a combination of values with open ends."""
-    marks = marks - {""}
-    if len(marks) > 1 or "?" in marks:
-        return float("nan"), "?"
-    return db, marks.pop() if marks else ""
+    marks = {base.mark, _TURNED[method.mark]} - {""}
+    return Gain(float("nan"), "?") if len(marks) > 1 else Gain(base.sir_db - method.sir_db, *marks)

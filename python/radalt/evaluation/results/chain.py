@@ -30,19 +30,11 @@ class Chain:
     independent: bool = False
 
     @classmethod
-    def of_model(
-        cls,
-        model: Path,
-        label: str | None = None,
-        *,
-        options: tuple[tuple[str, Any], ...] = (),
-        settings: AltimeterSettings | None = None,
-    ) -> "Chain":
-        """A network, with further ``options`` of the method `tcae`."""
+    def of_model(cls, model: Path) -> "Chain":
+        """A network, by the method `tcae`."""
         precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
-        options = (("model", str(model)), *options)
-        label = label or ("tcae" if model.stem == "tcae" else f"tcae {model.stem}")
-        return cls(label, "tcae", options, precision, settings or AltimeterSettings())
+        label = "tcae" if model.stem == "tcae" else f"tcae {model.stem}"
+        return cls(label, "tcae", (("model", str(model)),), precision)
 
     def build(self, waveform: Waveform) -> Mitigation:
         """A new method; raises `MitigationError` if it does not fit the waveform."""

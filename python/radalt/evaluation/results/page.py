@@ -32,11 +32,6 @@ def render(template: Path, **values: Any) -> str:
     return environment.get_template(template.name).render(**functions, **values)
 
 
-def write_pages(folder: RunFolder, template: Path, values: Mapping[str, Any]) -> Path:
-    """`write_page` of a ``.md.j2`` template; its value ``run`` is a `Run` as a dict."""
-    return write_page(folder, render(template, **values), values["run"])
-
-
 def write_result(
     folder: RunFolder,
     template: Path,
@@ -50,7 +45,7 @@ def write_result(
     head and the run; ``values``: further values of the template, such as tables.
     """
     report = folder.head | {"run": run} | report
-    page = write_pages(folder, template, report | values)
+    page = write_page(folder, render(template, **(report | values)), run)
     folder.write_report(report)
     return page
 

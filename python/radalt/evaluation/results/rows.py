@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ...core.parsing import InputError
+from ...core.parsing import InputError, read_text
 
+_MOST_BYTES = 256 << 20  # largest file of rows: 400,000 of the widest
 # Columns of words and of whole numbers, in every table: a name is the same quantity in all (docs/columns.md).
 TEXT = frozenset(
     "assumption built case cause chain check declared digest entry events failed first ground group interference "
@@ -76,19 +77,18 @@ class Columns:
         """Comma-separated text; missing values are empty fields."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        if header:
-            writer.writerow(self.names)
+        writer.writerows([self.names] if header else [])
         writer.writerows([self._text(name, row.get(name)) for name in self.names] for row in rows)
         return out.getvalue()
 
     def read(self, path: Path, command: str) -> list[dict[str, Any]]:
         """Rows of a CSV file that a command wrote. Raises InputError, one line, where it has other columns."""
+        text = read_text(path, most_bytes=_MOST_BYTES, what="rows", remedy=f"make them with {command}")
+        reader = csv.DictReader(io.StringIO(text, newline=""))
         try:
-            with path.open(encoding="utf-8", newline="") as file:
-                reader = csv.DictReader(file)
-                if tuple(reader.fieldnames or ()) == self.names:
-                    return [self.row({k: v or None for k, v in row.items()}) for row in reader]
-        except (OSError, ValueError, csv.Error) as error:
+            if tuple(reader.fieldnames or ()) == self.names:
+                return [self.row({k: v or None for k, v in row.items()}) for row in reader]
+        except (ValueError, csv.Error) as error:
             raise InputError(f"{path}: not readable as rows ({error}); make them with {command}") from None
         raise InputError(f"{path}: other columns than those of its rows; make them with {command}")
 
@@ -96,7 +96,3 @@ class Columns:
         if value is None:
             return ""
         return str(value) if name in self.text or name in self.whole else f"{float(value):.9g}"
-
-    def subset(self, names: Sequence[str]) -> "Columns":
-        """The named columns, in the given order."""
-        return Columns(tuple(names), self.text, self.whole, self.timing)

@@ -11,34 +11,29 @@ import numpy as np
 from ...core.altimeter.altimeter import AltimeterSettings
 from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
-from ...core.parsing import InputError, build, load_yaml, plain
-from ...core.returns.landing import AntennaSpec, GroundSpec, LandingSpec, TerrainSpec, TrajectorySpec
-from ...core.returns.link import RadarLink
-from ...core.returns.terrain import AircraftState, TerrainReturn, Trajectory, reflectivity
+from ...core.parsing import InputError, Settings, build, load_yaml, plain, setting
+from ...core.returns.landing import LandingSpec
+from ...core.returns.terrain import AircraftState, Trajectory, reflectivity
 from ...core.scene import interference_from_yaml, interferer_to_mapping
 from ...core.text import one_line
 from ...core.waveform import Waveform
 
 
 @dataclass(frozen=True)
-class ApproachSpec:
+class ApproachSpec(Settings, where="approach"):
     """Figure 1: the whole approach at one interference level."""
 
-    frames: int = 400  # frames measured, evenly spread over the flight; 0 leaves the part out
+    frames: int = setting(
+        400, 0, 2_000_000
+    )  # frames measured, evenly spread over the flight; 0 leaves the part out
     sir_db: float = -15.0  # SIR, also that of the sensitivity table
-    overlap: float = 1.0  # active fraction of the frame
-    chunk: int = 50  # frames per point; methods are reset at the start of each
-
-    def __post_init__(self) -> None:
-        if self.frames < 0 or self.chunk < 1:
-            raise ValueError(f"approach.frames is {self.frames} and chunk {self.chunk}; at least 0 and 1")
-        if not 0 <= self.overlap <= 1:
-            raise ValueError(f"approach.overlap is {self.overlap:g}; it has to be within 0..1")
+    overlap: float = setting(1.0, 0.0, 1.0)  # active fraction of the frame
+    chunk: int = setting(50, 1, 2_000_000)  # frames per point; methods are reset at the start of each
 
 
 @dataclass(frozen=True)
-class LandingConfig:
-    """Settings of the study.
+class LandingConfig(LandingSpec, Settings, where="landing"):
+    """Settings of the study, and its landing.
 
     ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation. With ``doppler:
     false`` the aircraft has no velocity in any frame. The power spectra of ``looks`` consecutive frames are averaged
@@ -47,12 +42,7 @@ class LandingConfig:
     """
 
     name: str = "landing"
-    seed: int = 1
-    trajectory: TrajectorySpec = TrajectorySpec()
-    terrain: TerrainSpec = TerrainSpec()
-    antenna: AntennaSpec = AntennaSpec()
-    ground: GroundSpec = GroundSpec()
-    link: RadarLink = RadarLink()
+    seed: int = setting(1, 0, 2**31 - 1)
     waveform: Waveform = Waveform()
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
     interference: tuple[Interferer, ...] = (Interferer(QpskEmitter(evm=TYPICAL)),)
@@ -61,49 +51,39 @@ class LandingConfig:
     snr_db: float | None = None
     doppler: bool = True
     point_target: bool = False
-    looks: int = 1
+    looks: int = setting(1, 1, 64)
     approach: ApproachSpec = ApproachSpec()
-    sensitivity_trials: int = 120
-    folder: str = ""
+    sensitivity_trials: int = setting(120, 0, 1_000_000)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.methods:
             raise ValueError("methods is empty; name at least one, such as none")
-        if self.sensitivity_trials < 0:
-            raise ValueError(f"sensitivity_trials is {self.sensitivity_trials}; it has to be 0 or above")
-        if not 1 <= self.looks <= 64:
-            raise ValueError(f"looks is {self.looks}; it has to be within 1..64")
-        if not 0 <= self.seed < 2**31:
-            raise ValueError(f"seed is {self.seed}; it has to be within 0..2^31-1")
 
     @property
-    def spec(self) -> LandingSpec:
-        """Flight, terrain, antenna, ground and link."""
-        return LandingSpec(self.trajectory, self.terrain, self.antenna, self.ground, self.link, self.folder)
+    def flown(self) -> Trajectory:
+        """The flight, read once."""
+        return _flight(LandingSpec(self.trajectory, folder=self.folder))
 
-    def radar(self) -> TerrainReturn:
-        """The return of the ground."""
-        return self.spec.radar(self.waveform, self.seed)
-
-    def window_s(self) -> tuple[float, float]:
+    def span_s(self) -> tuple[float, float]:
         """First and last instant of a frame's middle."""
         margin_s = 0.5 * self.waveform.sweep_s * (1 + 2 * self.looks)
-        return self.spec.window_s(_flight(self.spec), margin_s)
+        return self.window_s(self.flown, margin_s)
 
     def states(self, times_s: np.ndarray) -> list[AircraftState]:
         """Aircraft states; without Doppler their velocity is zero."""
-        states = _flight(self.spec).states(times_s)
+        states = self.flown.states(times_s)
         if self.doppler:
             return states
         return [dataclasses.replace(s, velocity_m_per_s=(0.0, 0.0, 0.0)) for s in states]
 
     def approach_times_s(self) -> np.ndarray:
         """(frames,) instants of figure 1, evenly spread."""
-        return np.linspace(*self.window_s(), self.approach.frames)
+        return np.linspace(*self.span_s(), self.approach.frames)
 
     def trial_times_s(self, trials: int) -> np.ndarray:
         """(trials,) instants, a random one in each of as many equal parts of the flight."""
-        start, end = self.window_s()
+        start, end = self.span_s()
         rng = np.random.default_rng([self.seed, 0x71])
         return start + (end - start) * (np.arange(trials) + rng.random(trials)) / max(trials, 1)
 
@@ -138,13 +118,13 @@ def check_config(config: LandingConfig) -> None:
     if not (config.approach.frames or config.sensitivity_trials):
         raise InputError("approach.frames and sensitivity_trials are both 0; give one of them")
     rng, samples = np.random.default_rng(0), config.waveform.samples_per_frame
-    radar = config.radar()
+    radar = config.radar(config.waveform, config.seed)
     interference_frames(config.interference, 1, samples, config.waveform.rate_hz, rng)
-    states = config.states(np.linspace(*config.window_s(), 64))
+    states = config.states(np.linspace(*config.span_s(), 64))
     for state in states:
         radar.facets(state)
     lat, lon, altitude = np.array([(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in states]).T
-    height = altitude - config.spec.ground_model().height_m(lat, lon)
+    height = altitude - config.ground_model().height_m(lat, lon)
     high = int(np.argmax(height))
     top = config.altimeter.resolved(config.waveform).max_altitude_m
     if height[high] > top:

@@ -83,7 +83,7 @@ def _flown(config: LandingConfig) -> LandingConfig:
 
 @lru_cache(maxsize=8)
 def _radar(flown: LandingConfig) -> TerrainReturn:
-    return flown.radar()
+    return flown.radar(flown.waveform, flown.seed)
 
 
 def _returns(config: LandingConfig, times_s: np.ndarray) -> list[GroundReturn]:

@@ -41,7 +41,7 @@ class LandingStudy(Study):
 
     def head(self) -> dict[str, Any]:
         """The study's settings, and hashes of the files of its landing."""
-        paths = self.config.spec.files().values()
+        paths = self.config.files().values()
         return {
             "name": self.config.name,
             "seed": self.config.seed,
@@ -60,17 +60,11 @@ class LandingStudy(Study):
 
     def files(self) -> dict[str, Path]:
         """Flight, terrain, antenna pattern, models and method files."""
-        return self.config.spec.files() | method_files(self.config)
+        return self.config.files() | method_files(self.config)
 
     def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
         """See `Study`."""
-        config, spec = self.config, self.config.spec.with_files(files)
-        own = {name: path for name, path in files.items() if name not in spec.files()}
-        changed = dataclasses.replace(
-            config,
-            trajectory=spec.trajectory,
-            terrain=spec.terrain,
-            antenna=spec.antenna,
-            method_options=with_option_files(config.method_options, own),
-        )
-        return LandingStudy(changed)
+        config = self.config.with_files(files)
+        own = {name: path for name, path in files.items() if name not in self.config.files()}
+        options = with_option_files(config.method_options, own)
+        return LandingStudy(dataclasses.replace(config, method_options=options))

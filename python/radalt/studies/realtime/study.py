@@ -5,7 +5,7 @@ import gc
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from .outside import Outside, OutsideWatch
 
 _POLL_S = 0.1  # between two readings of thread times and memory, s
 _ARRIVALS = 200_000  # newest arrivals at the segmenter that are kept for the latency: 200 s of frames
+_REPEATS = 2000  # FFTs whose median is the unit of cost
 _WARM_UP = 0.1  # share of the run after which growth of memory counts
 
 
@@ -64,23 +65,18 @@ class Measurement:
         return self.signal_s / self.wall_s
 
 
-def median_seconds(work: Callable[[], Any], repeats: int) -> float:
-    """Median CPU time of a call in this thread."""
-    times = np.empty(repeats)
-    for k in range(repeats):
-        begin = time.thread_time_ns()
-        work()
-        times[k] = time.thread_time_ns() - begin
-    return 1e-9 * float(np.median(times))
-
-
-def fft_seconds(points: int, repeats: int = 2000) -> float:
+def fft_seconds(points: int) -> float:
     """Median CPU time of one complex64 FFT on this machine: a unit for costs.
 
     In FFTs the cost of a frame is about the same on all machines, in milliseconds it is not.
     """
     frame = np.ones(points, dtype=np.complex64)
-    return median_seconds(lambda: fft.fft(frame), repeats)
+    times = np.empty(_REPEATS)
+    for k in range(_REPEATS):
+        begin = time.thread_time_ns()
+        fft.fft(frame)
+        times[k] = time.thread_time_ns() - begin
+    return 1e-9 * float(np.median(times))
 
 
 def prepare_benchmark(
