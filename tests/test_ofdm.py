@@ -196,14 +196,14 @@ def test_where_frames_may_be_dropped_what_is_searched_in_vain_is_searched_less_o
 
 @pytest.mark.parametrize("sir_db", [-20.0, -45.0])
 def test_tones_are_least_squares(sir_db):
-    """Three tones of unlike powers on top of OFDM; what they leave is what was there without them."""
+    """Eight tones of unlike powers on top of OFDM; what they leave is what was there without them."""
     altitude_m, frames = returns(np.random.default_rng([13, 1]), 1)
     rng = np.random.default_rng(14)
     ofdm = interference_frames([Interferer(NrEmitter(**NR10), sir_db)], 1, 7500, W.rate_hz, rng)
     n = np.arange(7500)
     tones = sum(
-        10 ** (-sir_db / 20) * a * np.exp(2j * np.pi * f / 7500 * n)
-        for a, f in ((1, 100.3), (0.5, -2000.7), (0.3, 3001.0))
+        10 ** (-sir_db / 20) * 0.8**k * np.exp(2j * np.pi * f / 7500 * n)
+        for k, f in enumerate((100.3, -2000.7, 3001.0, 1500.5, -777.2, -3000.4, 2222.2, 444.4))
     )
     without = (frames + ofdm)[0].astype(np.complex64)
     rest = without_tones(without + tones.astype(np.complex64))

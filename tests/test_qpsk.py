@@ -150,13 +150,13 @@ def test_a_burst_is_cancelled_and_the_rest_of_the_frame_stays():
     [
         (NrEmitter(channel_bandwidth_hz=10e6), -30.0),
         (NrEmitter(), -30.0),
-        (ToneEmitter(1), -30.0),
         (ToneEmitter(3), -30.0),
         (FmcwEmitter(), -30.0),
+        (QpskReceivedEmitter(evm=0.35), -30.0),
         (QpskReceivedEmitter(), 5.0),
         (QpskReceivedEmitter(), 200.0),
     ],
-    ids=["nr10", "nr5", "tone", "tones", "fmcw", "weak", "none"],
+    ids=["nr10", "nr5", "tones", "fmcw", "EVM 35 %", "weak", "none"],
 )
 def test_frames_without_readable_qpsk_pass_bit_for_bit(emitter, sir_db):
     frames, _, _ = received(emitter, sir_db, count=6, seed=9)
