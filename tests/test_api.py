@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from hostile import draw_nothing
 from waiting import ran_python
 
 import radalt
@@ -36,6 +37,7 @@ def ten_lines(root, tmp_path_factory):
     few["out"] = tmp_path_factory.mktemp("evaluate") / "run"
     names = {"__name__": "__main__"}
     with pytest.MonkeyPatch.context() as patch:
+        draw_nothing(patch)
         patch.setitem(vars(radalt), "evaluate", lambda *a, **k: evaluate(*a, **{**k, **few}))
         patch.setitem(vars(radalt), "simulate", lambda *a, **k: simulate(*a, **{**k, "frames": 20}))
         exec(compile((root / "examples/ten_lines.py").read_text("utf-8"), "ten_lines.py", "exec"), names)
@@ -83,6 +85,9 @@ del signal.pthread_sigmask
 sys.modules["msvcrt"] = types.SimpleNamespace(locking=lambda *a: None, LK_NBLCK=2)  # what Windows has instead of fcntl
 import radalt
 assert {n for n in dir(radalt) if n[0] != "_"} == set(radalt.__all__)
+sys.path.append("../tests")
+import hostile
+hostile.draw_nothing(types.SimpleNamespace(setattr=setattr))
 report = radalt.evaluate("clear", "none", altitude_m=100, frames=4, out=sys.argv[1], progress=False)
 radalt.method("hybrid", radalt.Waveform())
 assert report.table[0]["pd"] == 1.0 and report.html.is_file()
@@ -166,7 +171,7 @@ def test_what_does_not_fit_is_one_line(call, message, monkeypatch, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_report_in_memory_has_the_rows_of_a_folder_whatever_numpy_is_told(tmp_path, monkeypatch):
+def test_a_report_in_memory_has_the_rows_of_a_folder_whatever_numpy_is_told(tmp_path, monkeypatch, undrawn):
     """And nothing is written."""
     monkeypatch.chdir(tmp_path)
     scene = {"interference": {"nr": {}}, "channel": {"snr_db": 10.0}, "altitude": {"programme_m": [90.0]}}

@@ -1,5 +1,6 @@
 """The rooms stand in the order of the signal's way: no import points up, and none goes round in a circle."""
 
+import functools
 import importlib.util
 import sys
 from graphlib import CycleError, TopologicalSorter
@@ -13,7 +14,7 @@ architecture = importlib.util.module_from_spec(_SPEC)
 sys.modules[_SPEC.name] = architecture
 _SPEC.loader.exec_module(architecture)
 
-IMPORTS = architecture.imports()
+every = functools.cache(architecture.imports)
 
 # imports within functions that close a circle of modules, and why each may
 LAZY_CIRCLES = {
@@ -52,12 +53,12 @@ def upward(imports):
 
 
 def test_no_import_points_up():
-    assert upward(IMPORTS) == []
+    assert upward(every()) == []
 
 
 def test_only_the_methods_that_judge_their_own_output_know_an_altimeter():
     """`lms` and `shift_check`; others know its settings and the quality of received frames, and no more."""
-    asking = {(e.source, e.target) for e in IMPORTS if e.source.startswith("core.mitigation")}
+    asking = {(e.source, e.target) for e in every() if e.source.startswith("core.mitigation")}
     asking = {
         (source, target)
         for source, target in asking
@@ -73,11 +74,11 @@ def test_only_the_methods_that_judge_their_own_output_know_an_altimeter():
 
 
 def test_no_import_goes_round_when_modules_are_loaded():
-    assert circle([entry for entry in IMPORTS if not entry.lazy]) == []
+    assert circle([entry for entry in every() if not entry.lazy]) == []
 
 
 def test_imports_within_functions_close_no_circle_in_core_but_those_with_a_reason():
-    core = [entry for entry in IMPORTS if entry.source.startswith("core")]
+    core = [entry for entry in every() if entry.source.startswith("core")]
     known = {(entry.source, entry.target) for entry in core if entry.lazy}
     assert known >= LAZY_CIRCLES.keys(), "an exception that is no longer needed"
     assert circle(core) != []
@@ -87,14 +88,14 @@ def test_imports_within_functions_close_no_circle_in_core_but_those_with_a_reaso
 def test_imports_within_functions_close_no_circle_in_the_bench_or_a_study():
     """No exception: a study names its report within `report`, and the report has its names from a third file."""
     assert (
-        circle([entry for entry in IMPORTS if entry.source.startswith(("evaluation", "studies", "api"))])
+        circle([entry for entry in every() if entry.source.startswith(("evaluation", "studies", "api"))])
         == []
     )
 
 
 def test_nothing_imports_a_study_and_no_study_another():
     """`evaluation.programs` finds their commands by scanning."""
-    for entry in IMPORTS:
+    for entry in every():
         if entry.target.startswith("studies."):
             assert entry.source.split(".")[:2] == entry.target.split(".")[:2], entry
 
@@ -102,7 +103,7 @@ def test_nothing_imports_a_study_and_no_study_another():
 def test_every_module_has_its_room():
     homeless = [m for m in architecture.modules(architecture.PACKAGE) if architecture.room_of(m) is None]
     assert homeless == ["", "__main__"]  # the package itself, and as a command
-    assert len(IMPORTS) > 300  # and the reader has read them
+    assert len(every()) > 300  # and the reader has read them
 
 
 @pytest.mark.parametrize(

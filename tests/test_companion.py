@@ -41,6 +41,8 @@ def seen(tmp_path_factory) -> dict:
     """Every flowgraph of the module in one companion, by file name; the simulated bench and the radios' are run."""
     folder, first = tmp_path_factory.mktemp("home"), ["ota_sim.grc", "ota_b210.grc"]
     paths = [Path(shutil.copy(path, folder)) for path in FLOWGRAPHS]
+    if (kept := Path.home() / ".cache/grc_gnuradio").is_dir():  # the blocks' descriptions, read before
+        shutil.copytree(kept, folder / ".cache/grc_gnuradio")
     paths.sort(key=lambda path: (path.name not in first, path.name == first[1]))
     report = companion(folder, paths, str(ROOT / "grc"), "--run", "2")
     pages = {Path(page["file"]).name: page for page in report["pages"]}

@@ -370,7 +370,7 @@ def test_a_foreign_recording_needs_a_scene(tmp_path):
         open_capture(tmp_path / "absent.sigmf-meta")
 
 
-def test_replay_from_the_command_line_gives_the_live_rows(live, tmp_path, capsys):
+def test_replay_from_the_command_line_gives_the_live_rows(live, tmp_path, capsys, undrawn):
     path, _, _ = live
     out = tmp_path / "out"
     assert ota_eval.main(["--replay", str(path), "--methods", "none,whitening", "--out", str(out)]) == 0
@@ -422,7 +422,7 @@ def replayed(folder: Path, target: Path, capsys, changes: dict, samples=None) ->
     ],
 )
 def test_a_recording_of_ours_that_was_changed_gets_one_line(
-    short, tmp_path, capsys, changes, samples, message
+    short, tmp_path, capsys, undrawn, changes, samples, message
 ):
     status, error = replayed(short, tmp_path, capsys, changes, samples)
     if not message:

@@ -58,7 +58,8 @@ class Air:
 
     def reset(self) -> None:
         """Nothing on the way: before a flowgraph's first block is made."""
-        self.sent = {"radar": np.zeros(0, np.complex64), "jammer": np.zeros(0, np.complex64)}
+        self._room = {device: np.zeros(0, np.complex64) for device in ("radar", "jammer")}
+        self.sent = dict(self._room)  # the filled start of each
         self.ended: set[str] = set()
         self.blocks: list[object] = []
         self.over = False
@@ -76,7 +77,11 @@ class Air:
 
     def send(self, device: str, samples: np.ndarray) -> None:
         with self.lock:
-            self.sent[device] = np.concatenate([self.sent[device], samples])
+            first, end = self.sent[device].size, self.sent[device].size + samples.size
+            if end > self._room[device].size:  # at least doubled, or each call copies all that was sent
+                self._room[device] = np.concatenate([self.sent[device], np.empty(end, np.complex64)])
+            self._room[device][first:end] = samples
+            self.sent[device] = self._room[device][:end]
 
     def receive(self, first: int, count: int) -> np.ndarray:
         """What arrives; fewer samples while a transmitter that is still sending has not got so far."""
