@@ -23,7 +23,7 @@ import screenshot
 import stability
 import yaml
 from hostile import assert_line, assert_refused, ended, measure_here
-from waiting import end_of, ran
+from waiting import end_of, ran, started
 
 import bench
 from radalt.bench.rows import read_rows
@@ -199,10 +199,7 @@ def test_hostile_line_of_every_other_command_gets_one_line(module, tmp_path, mon
 @pytest.mark.parametrize("after_s", [0.05, 0.8])
 def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
     """Whatever is being imported or computed just then."""
-    process = subprocess.Popen(
-        [sys.executable, str(ROOT / "flowgraphs/ota_eval.py"), "--sim", "--plan"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = started(sys.executable, ROOT / "flowgraphs/ota_eval.py", "--sim", "--plan", cwd=tmp_path)
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
     _, error = end_of(process)

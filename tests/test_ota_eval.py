@@ -1,7 +1,6 @@
 """The whole live path from the command line: tiny sweeps through the real flowgraph, and what it refuses."""
 
 import csv
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import collect
 import ota_eval
 import pytest
 from hostile import ended
-from waiting import end_of, ran_python
+from waiting import end_of, ran_python, started
 
 from radalt.core.scene import load_scene
 from radalt.evaluation.overlap.rows import COLUMNS
@@ -20,8 +19,7 @@ SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes
 
 def start(*arguments):
     """ota_eval in a process of its own, as users start it."""
-    command = [sys.executable, ota_eval.__file__, "--sim", *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return started(sys.executable, ota_eval.__file__, "--sim", *arguments)
 
 
 def run(*arguments):
