@@ -267,9 +267,7 @@ def test_what_is_ambiguous_is_wrong_nearly_as_often_as_right():
                 right = np.abs(found["forced_altitude_m"] - frames.truth_m) < case.limit_m
                 valid, could = found["valid"], found["reason"] == Reason.AMBIGUOUS
                 each = right.size, valid & right, valid & ~right, could & right, could & ~right
-                counts[method, allowed] = counts.get((method, allowed), 0) + np.array(
-                    [np.sum(x) for x in each]
-                )
+                counts[method, allowed] = counts.get((method, allowed), 0) + np.array([*map(np.sum, each)])
     for (method, allowed), (trials, right, wrong, *could) in counts.items():
         shares = np.array([right + could[0], right, wrong + could[1], wrong]) / trials
         print(f"| {method} | {allowed:g} m/s | " + " | ".join(f"{share:.3f}" for share in shares) + " |")

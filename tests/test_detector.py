@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from frames import white
+from frames import W, white
 
 from radalt.core.interference.placement import Interferer, interference_frames
 from radalt.core.mitigation.interference_detector import InterferenceDetector
 from radalt.core.returns.point import point_return
 from radalt.core.scene import parse_scene
-from radalt.core.waveform import Waveform
 
-W = Waveform()
 FRAMES = 100
 
 

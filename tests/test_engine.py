@@ -59,9 +59,7 @@ class Coins(Study):
         chance = float(point.name.split()[1])
         rng = np.random.default_rng([self.seed, round(1e6 * chance)])
         right = int((rng.random(point.frames) < chance).sum())
-        score = Score(
-            point.frames, point.frames, right, point.frames, squared_detected_m2=1 / 3 * point.frames
-        )
+        score = Score(point.frames, point.frames, right, point.frames, squared_detected_m2=point.frames / 3)
         return [{"coin": point.name} | score.row()]
 
     def report(self, folder, rows, how):
@@ -165,7 +163,7 @@ def test_options_that_do_not_fit_are_one_line_and_status_2(capsys, arguments, ex
 
 
 @pytest.mark.parametrize(
-    ("sent", "status", "said"), [(signal.SIGINT, 130, "stopped"), (signal.SIGTERM, 143, "terminated")]
+    ("sent", "status", "said"), [("SIGINT", 130, "stopped"), ("SIGTERM", 143, "terminated")]
 )
 def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sent, status, said):
     code = (
@@ -183,7 +181,7 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
     wait_for((tmp_path / "run" / "run.json").exists, "run.json", process=process)
     time.sleep(1.0)
     # Ctrl-C reaches the whole group, a batch system's SIGTERM the program
-    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
+    os.killpg(process.pid, signal.SIGINT) if sent == "SIGINT" else process.terminate()
     _, err = end_of(process)
     assert process.returncode == status
     assert f"coins: {said}; 0 of " in err and " points are kept, go on with: " in err

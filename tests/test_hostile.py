@@ -99,8 +99,6 @@ def test_what_is_no_small_regular_file_is_refused_before_it_is_read(make, messag
         assert_line(str(caught.value))
 
 
-# -- the command line -------------------------------------------------------------------------------
-
 HOSTILE_NUMBERS = ("abc", "", "nan", "-1e308", "1" * 20, "9" * 5000, "\0")
 
 EVAL = {
@@ -212,8 +210,6 @@ def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
         assert process.returncode in (0, 130, -signal.SIGINT)
 
 
-# -- code of others ---------------------------------------------------------------------------------
-
 FOREIGN = {
     "loop": ("while True: pass", "within 1 s; is there a loop without end"),
     "sys.exit": ("import sys; sys.exit(0)", "SystemExit"),
@@ -268,9 +264,6 @@ def test_hostile_network_is_refused(tmp_path):
         assert_line(str(caught.value))
 
 
-# -- a disk that is full, or may not be written -----------------------------------------------------
-
-
 def in_a_namespace(script: str, *arguments: object) -> subprocess.CompletedProcess:
     """Run a shell script that may mount what nobody else sees; skips where the machine does not allow that."""
     done = ran("unshare", "-rm", "sh", "-c", script, "sh", *arguments, limit_s=100)
@@ -283,17 +276,13 @@ def in_a_namespace(script: str, *arguments: object) -> subprocess.CompletedProce
 SMALL_DISK = """
 import subprocess, sys
 sys.path[:0] = {path!r}
-from hostile import assert_refused, ended
-from test_engine import Coins, Options, Path, command, rows_of, run
-from test_fuzz import measured_here
+from hostile import assert_refused
+from test_engine import Coins, Options, Path, rows_of, run
+from test_fuzz import measured_here, resumed
 import pytest
 patch = pytest.MonkeyPatch()
 measured_here(patch)
 disk, whole = Path(sys.argv[1]), Path(sys.argv[2])
-
-def resumed(folder, resume):
-    options = Options(folder, resume=resume, jobs=1)
-    return ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
 
 def mount(*options):
     subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True, timeout=120)
@@ -328,9 +317,6 @@ def test_a_disk_full_or_read_only_is_one_line_and_nothing_is_lost(tmp_path):
     script = f'mount -t tmpfs radalt {disk} && umount {disk} || exit 77; exec {sys.executable} {program} "$@"'
     done = in_a_namespace(script, disk, tmp_path / "whole")
     assert (done.returncode, done.stderr) == (0, "")
-
-
-# -- files that change under a run ------------------------------------------------------------------
 
 
 def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch, undrawn):

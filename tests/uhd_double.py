@@ -1,8 +1,7 @@
 """Two B210s at the boundary of gr-uhd's calls: blocks that record what is called on them and share one air.
 
 The double keeps what UHD promises: time per device, pulses once a virtual second, an ``rx_time`` tag at the start
-time, transmit samples divided by the stream argument ``fullscale`` and clipped at 1, ``async_msgs``.
-"""
+time, transmit samples divided by the stream argument ``fullscale`` and clipped at 1, ``async_msgs``."""
 
 from __future__ import annotations
 
@@ -29,10 +28,7 @@ RADIO = {
 
 
 class Air:
-    """Virtual time, recorded calls and the samples on the way.
-
-    Time moves by `sleep` alone, or, if it is ``ticking``, with the machine's clock.
-    """
+    """Virtual time, moved by `sleep` alone or, if ``ticking``, by the machine's; recorded calls; samples on the way."""
 
     def __init__(
         self,

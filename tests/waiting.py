@@ -29,18 +29,9 @@ def over(begun: float, limit_s: float) -> bool:
     return spent_s >= limit_s and spent_s >= patient(limit_s)
 
 
-def wait_for(
-    condition: Callable[[], object],
-    what: str,
-    *,
-    process: subprocess.Popen | None = None,
-    limit_s: float = 120.0,
-) -> None:
-    """Return once the condition holds.
-
-    It fails with ``what`` at the limit, and as soon as the process that should bring it about has ended without it.
-    That process is killed then, and what it has written is part of the failure.
-    """
+def wait_for(condition: Callable, what: str, *, process: subprocess.Popen | None = None, limit_s=120.0):
+    """Return once the condition holds; fail with ``what`` at the limit, or when the process that should bring it about
+    has ended without it. That process is killed then, and what it has written is part of the failure."""
     begun = time.monotonic()
     while not condition():
         ended = process is not None and process.poll() is not None
