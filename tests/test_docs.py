@@ -30,9 +30,8 @@ from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
 ROOT = Path(__file__).resolve().parent.parent
-LINK = re.compile(
-    r"\]\((?:([\w-]+)\.md)?(?:#([\w-]+))?\)"
-)  # to a page, a heading, or a heading of the page itself
+# to a page, a heading, or a heading of the page itself
+LINK = re.compile(r"\]\((?:([\w-]+)\.md)?(?:#([\w-]+))?\)")
 
 
 # decibels, FFTs, per cent, milliseconds, shares of two digits or more, and counts of counts
@@ -96,9 +95,8 @@ def test_own_samples_are_measured_from_the_altitude_of_the_first_sweeps(root, tm
     assert int(count) > 100 and abs(float(first) - 500) < 5 and abs(float(last) - 620) < 5
     assert f"{count} frames ok" in done.stdout
     done = ran_python(root / "examples/own_samples.py", tmp_path, env=env)
-    assert done.returncode == 2 and done.stderr.startswith(
-        "usage: own_samples.py FILE "
-    )  # a folder has no end
+    # a folder has no end
+    assert done.returncode == 2 and done.stderr.startswith("usage: own_samples.py FILE ")
     done = ran_python(root / "examples/own_samples.py", tmp_path / "none.cf32", env=env)
     assert done.returncode == 2 and done.stderr.splitlines()[-1].endswith("none.cf32: can't open file")
 

@@ -114,9 +114,8 @@ def test_every_shipped_scene_can_be_driven_by_hand(path):
 
 
 def test_method_is_exchanged_between_frames(monkeypatch):
-    monkeypatch.setattr(
-        "radalt.blocks._mitigation.read_quality", lambda block, count: None
-    )  # no flowgraph, no tags
+    # no flowgraph, no tags
+    monkeypatch.setattr("radalt.blocks._mitigation.read_quality", lambda block, count: None)
     scene = load_scene("paper_qpsk")
     frames = (point_return(W, np.full(4, 300.0)) + 2.0 * white(np.random.default_rng(1), 4)).astype(
         np.complex64

@@ -214,9 +214,8 @@ def going_on(*windows, sir_db=-40.0, seed=21):
         QpskReceivedEmitter(clock_ppm=20.0, carrier_hz=40e3),
         QpskReceivedEmitter(pulse="rrc", bandwidth_hz=1e6, carrier_hz=-1.3e6),
         QpskReceivedEmitter(pulse="rrc", bandwidth_hz=3.3e6, clock_ppm=-300.0),
-        QpskReceivedEmitter(
-            bandwidth_hz=RATE_HZ * 14 / 169
-        ),  # 14 symbols last between two even numbers of samples
+        # 14 symbols last between two even numbers of samples
+        QpskReceivedEmitter(bandwidth_hz=RATE_HZ * 14 / 169),
         ECHOES,
     ],
     ids=["rectangular", "narrow, off centre", "fast, clock far off", "slow", "echoes"],

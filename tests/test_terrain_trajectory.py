@@ -75,9 +75,8 @@ def test_adsb_state_vectors_load_as_they_come(tmp_path):
     rows += ["1600000200,a0b1c2,41.96,-87.93,60,90,0,true,,"]
     path = _state_vectors(tmp_path, rows)
     track = Trajectory.load(path, altitude_offset_m=34.0)
-    assert (
-        track.time_s.size == 41 - 7
-    )  # one without position, one on the ground, five with the position before
+    # one without position, one on the ground, five with the position before
+    assert track.time_s.size == 41 - 7
     assert track.altitude_m[0] == pytest.approx(round(800 / 7.62) * 7.62 + 94.0)
     assert Trajectory.load(path, altitude="baro").altitude_m[0] == pytest.approx(round(800 / 7.62) * 7.62)
     state = track.state(1600000080.0)
