@@ -1,10 +1,7 @@
 """Runs gnuradio-companion itself, has it draw flowgraphs, and prints as JSON what it shows; no test, used by them.
 
-Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run COUNT] [--picture FILE] FLOWGRAPH.grc ...`.
-
---run executes the first flowgraphs as the button does, one after the other, and adds what the companion's console says
-of each; Python is generated next to them. --picture saves the first flowgraph as the companion's Screen Capture does.
-"""
+`xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run COUNT] [--picture FILE] FLOWGRAPH.grc ...`: --run executes
+the first ones as the button does and adds what the console says, --picture saves the first as Screen Capture does."""
 
 import argparse
 import json
@@ -66,9 +63,7 @@ def described(page) -> dict:
         }
         for block in graph.blocks
     ]
-    errors = [
-        f"{getattr(element, 'name', element)}: {message}" for element, message in graph.iter_error_messages()
-    ]
+    errors = [f"{getattr(e, 'name', e)}: {message}" for e, message in graph.iter_error_messages()]
     return {
         "file": page.file_path,
         "blocks": blocks,
@@ -117,7 +112,7 @@ def probe(run: int, picture: str) -> bool:
     title = window.get_title()
     if not windows(title.split(" ")[0]):
         return True  # not mapped yet: called again
-    report = {"title": title, "pages": [], "consoles": []}
+    report = {"pages": [], "consoles": []}
     for page in window.get_pages():
         window.current_page = page
         report["pages"].append(described(page))

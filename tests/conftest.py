@@ -13,6 +13,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # On CI pytest writes out how two values differ. Of frames, millions of bytes, that takes longer than any limit.
 os.environ.pop("CI", None)
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each program under test compiles the package again
 
 # A script's background job (`make test &`) starts with Ctrl-C ignored, and hands that on to the programs under test.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

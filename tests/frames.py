@@ -4,9 +4,11 @@ import numpy as np
 
 from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.returns.point import point_return
+from radalt.core.timing.segmenter import Frame
 from radalt.core.waveform import Waveform
 
 W = Waveform()
+N = W.samples_per_frame
 ALTIMETER = Altimeter(W)
 
 
@@ -26,6 +28,13 @@ def returns(rng, count: int, snr_db: float = 10.0, *, waveform: Waveform = W, sp
     altitude_m = rng.uniform(*span_m, count)
     frames = point_return(waveform, altitude_m, phase_cycles=rng.random(count), dtype=np.complex128)
     return altitude_m, frames + 10.0 ** (-snr_db / 20.0) * white(rng, *frames.shape)
+
+
+def measured(frames: list[Frame], altimeter: Altimeter = ALTIMETER) -> np.ndarray:
+    """Results for frames of a segmenter."""
+    offset_s, index = np.array([f.offset_s for f in frames]), np.array([f.index for f in frames])
+    samples = np.stack([f.samples for f in frames])
+    return altimeter.process(samples, timing_offset_s=offset_s, frame_index=index)
 
 
 def right(frames: np.ndarray, altitude_m: np.ndarray, altimeter: Altimeter = ALTIMETER) -> float:

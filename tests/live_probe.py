@@ -1,7 +1,6 @@
 """Runs the live view in the simulated channel, works its controls, and prints as JSON what was measured; no test.
 
-QT_QPA_PLATFORM=offscreen .venv/bin/python tests/live_probe.py FOLDER
-"""
+QT_QPA_PLATFORM=offscreen .venv/bin/python tests/live_probe.py FOLDER"""
 
 import contextlib
 import json

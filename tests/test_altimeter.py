@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import W
 
 from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
 from radalt.core.altimeter.cfar import Cfar
@@ -11,7 +12,6 @@ from radalt.core.altimeter.sweep_pairing import PairSearch
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
-W = Waveform()
 FAST = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=150.0))
 C = 299_792_458.0
 
@@ -33,8 +33,6 @@ def rms(values: np.ndarray) -> float:
 
 
 # -- accuracy ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", ["synthetic", "true_delay"])
 @pytest.mark.parametrize("snr_db", [10.0, 15.0, 20.0])
 def test_error_is_near_the_cramer_rao_bound(snr_db, kind):
@@ -124,20 +122,16 @@ def test_leading_edge_reads_the_nearest_point_of_an_extended_return():
     rng = np.random.default_rng(9)
     depth = np.linspace(0, 120, 40)
     amplitude = np.exp(-depth / 80)
-    errors = {s: [] for s in ("leading_edge", "centroid", "strongest")}
+    strategies = "leading_edge", "centroid", "strongest"
+    errors = {Altimeter(W, AltimeterSettings(strategy=s)): [] for s in strategies}
     echoes = frames_of("synthetic", 300 + depth)
     for _ in range(60):
         gains = amplitude * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
         frame = gains @ echoes
-        for strategy, values in errors.items():
-            values.append(Altimeters[strategy].process(frame[None])["forced_altitude_m"][0] - 300)
-    bias = {s: np.mean(v) for s, v in errors.items()}
-    assert bias["leading_edge"] < min(bias["centroid"], bias["strongest"]) - 5
-
-
-Altimeters = {
-    s: Altimeter(W, AltimeterSettings(strategy=s)) for s in ("leading_edge", "centroid", "strongest")
-}
+        for altimeter, values in errors.items():
+            values.append(altimeter.process(frame[None])["forced_altitude_m"][0] - 300)
+    edge, centroid, strongest = map(np.mean, errors.values())
+    assert edge < min(centroid, strongest) - 5
 
 
 def test_a_cell_is_blind_for_its_own_delay_and_no_longer():
@@ -173,8 +167,6 @@ def test_snr_is_the_peak_over_the_noise_of_the_beat_spectrum():
 
 
 # -- timing, batches, scale -------------------------------------------------------------------------------------------
-
-
 def test_known_timing_offset_is_subtracted_as_delay():
     frames = point_return(W, np.array([200.0, 200.0]) + C / 2 * np.array([0.3, -0.5]) / 7.5e6)
     offsets = np.array([0.3, -0.5]) / 7.5e6
@@ -217,8 +209,6 @@ def test_result_does_not_depend_on_the_level(scale):
 
 
 # -- frames without an altitude ---------------------------------------------------------------------------------------
-
-
 def test_unusable_frames_are_invalid_with_their_reason_and_leave_their_neighbours_alone():
     rng = np.random.default_rng(5)
     clean = W.beat_shifted(250.0)
@@ -303,8 +293,6 @@ def test_a_half_sweep_that_shows_no_peak_leaves_the_altitude_to_the_other():
 
 
 # -- the joint decision -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("amplitude", "said"), [(0.25, "out_of_range"), (0.9, "out_of_range"), (1.1, "ok")])
 def test_a_stronger_return_beyond_the_span_is_the_return(amplitude, said):
     """At 1200 m the span of 1000 m has ended; what is at 300 m is then a second echo, unless it is stronger."""

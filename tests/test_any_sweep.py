@@ -9,11 +9,10 @@ import pytest
 from frames import returns, white
 from scipy.stats import binom
 
-from radalt.core.altimeter.altimeter import Altimeter
+from radalt import Altimeter, Waveform
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.mitigation.any_sweep import SERVED, layout_of
-from radalt.core.waveform import Waveform
 
 OWN = Waveform()
 SHORT = Waveform(2e6, 0.5e-3, 2e6)  # resampled, a quarter of the columns
@@ -38,9 +37,6 @@ def correct(waveform, frames, altitude_m):
     return np.mean(result["valid"] & (np.abs(result["altitude_m"] - altitude_m) < limit_m))
 
 
-# -- sizes and tables --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("rate_hz", [2e6, 3.3e6, 7.5e6, 56e6])
 def test_every_sweep_that_is_served_has_a_layout(rate_hz):
     bandwidths, periods = (1e6, 2e6, 7.1e6, 30e6, 56e6), (0.2e-3, 0.37e-3, 1e-3, 10e-3)
@@ -62,19 +58,9 @@ def test_a_sweep_out_of_range_is_refused_in_one_line(key):
         "sweep_s": lambda: replace(OWN, sweep_s=2 * high),
         "rate_hz": lambda: replace(OWN, rate_hz=2 * high),
     }
-    with pytest.raises(
-        MitigationError, match=re.escape(f"; the network serves {low:g} to {high:g}: ")
-    ) as caught:
+    with pytest.raises(MitigationError, match=re.escape(f"network serves {low:g} to {high:g}: ")) as caught:
         create("tcae", waveforms[key]())
     assert "\n" not in str(caught.value)
-
-
-def test_a_span_that_no_layout_passes_is_refused_in_one_line():
-    with pytest.raises(MitigationError, match=r"an altitude of 100000 m is .* too many .*max_altitude_m"):
-        layout_of(OWN, span_m=1e5)
-
-
-# -- the network -------------------------------------------------------------------------------------------------------
 
 
 UNCHECKED = {"shift_check": False, "skip_white": False}
@@ -84,9 +70,8 @@ UNCHECKED = {"shift_check": False, "skip_white": False}
 def test_at_the_default_sweep_it_is_as_good_as_the_network_of_that_alone(root, sir_db):
     altitude_m, frames = scene(OWN, 40, 3)
     rng = np.random.default_rng(6)
-    frames = frames + interference_frames(
-        [Interferer(QpskEmitter(pulse="rrc"), sir_db, 0.5)], *frames.shape, OWN.rate_hz, rng
-    )
+    qpsk = [Interferer(QpskEmitter(pulse="rrc"), sir_db, 0.5)]
+    frames = frames + interference_frames(qpsk, *frames.shape, OWN.rate_hz, rng)
     other = create("tcae", OWN, model=root / "models/any_sweep.onnx", **UNCHECKED).process(frames)
     own = create("tcae", OWN).process(frames)
     assert correct(OWN, other, altitude_m) >= correct(OWN, own, altitude_m) - 0.05
@@ -115,16 +100,14 @@ def test_without_interference_every_altitude_stays(waveform):
 
 
 @pytest.mark.parametrize(
-    ("waveform", "sir_db"),
-    [(SHORT, -30.0), (OVERSAMPLED, -35.0), (WRAPPED, -45.0), (LONG, -45.0), (WIDE, -45.0)],
+    "waveform, sir_db", [(SHORT, -30.0), (OVERSAMPLED, -35.0), (WRAPPED, -45.0), (LONG, -45.0), (WIDE, -45.0)]
 )
 def test_shaped_qpsk_is_removed_where_none_is_blind(waveform, sir_db):
     altitude_m, frames = scene(waveform, 20, 4)
     emitter = QpskEmitter(bandwidth_hz=0.267 * waveform.bandwidth_hz, pulse="rrc")
     rng = np.random.default_rng(5)
-    frames = frames + interference_frames(
-        [Interferer(emitter, sir_db, 0.3)], *frames.shape, waveform.rate_hz, rng
-    )
+    jammer = [Interferer(emitter, sir_db, 0.3)]
+    frames = frames + interference_frames(jammer, *frames.shape, waveform.rate_hz, rng)
     cleaned = create("tcae", waveform, shift_check=False).process(frames)
     assert correct(waveform, frames, altitude_m) < 0.5
     # 20 frames; what is below the limit is withheld, not wrong: the altimeter declares by likelihood.

@@ -32,28 +32,19 @@ def test_power_is_that_of_friis_of_two_rays_and_of_none_beyond_the_horizon():
     # a perfect mirror, isotropic antennas: between nothing and 6 dB over free space, 3 dB in the mean over a band
     flat = replace(pattern, gain_dbi=0 * pattern.gain_dbi)
     both = replace(alone, ground_reflection=1.0)
-    more = [
-        both.power_dbm(profile, flat, x) - alone.power_dbm(profile, flat, x) for x in np.arange(500, 1500, 2)
-    ]
+    far = np.arange(500, 1500, 2)
+    more = [both.power_dbm(profile, flat, x) - alone.power_dbm(profile, flat, x) for x in far]
     assert np.mean(10 ** (np.array(more) / 10)) == pytest.approx(2.0, abs=0.15)
     assert max(more) < 6.03
-    assert (
-        replace(alone, glide_path_deg=0.5, stations=(replace(mast, along_m=-200e3),)).power_dbm(
-            profile, pattern, 0.0
-        )
-        < -200.0
-    )
+    beyond = replace(alone, glide_path_deg=0.5, stations=(replace(mast, along_m=-200e3),))
+    assert beyond.power_dbm(profile, pattern, 0.0) < -200.0
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("nr100_4100", "nr10", "interferer is 'nr10'; allowed: nr100_3750"),
-        (
-            "glide_path_deg: 3.0",
-            "glide_path_deg: 30.0",
-            "approach.glide_path_deg is 30; it has to be within 0.5..10",
-        ),
+        ("glide_path_deg: 3.0", "glide_path_deg: 30.0", "approach.glide_path_deg is 30; .* within 0.5..10"),
         ("base_station.csv", "nobody.csv", "nobody.csv"),
     ],
 )
@@ -65,24 +56,14 @@ def test_a_wrong_value_gets_one_line(tmp_path, old, new, message):
     assert "\n" not in str(error.value)
 
 
-def test_an_approach_says_what_broke_where(tmp_path, measured_here):
+def test_an_approach_says_what_broke_where(tmp_path, measured_here, undrawn):
     """Stations of 70 dB more than allowed take the altitude; those allowed do not."""
     (tmp_path / "base_station.csv").write_text((SHIPPED.parent / "base_station.csv").read_text())
     text = SHIPPED.read_text().replace("step_m: 400.0", "step_m: 3000.0")
     for name, eirp in (("allowed", "65.0"), ("loud", "135.0")):
-        (tmp_path / f"{name}.yaml").write_text(
-            text.replace("eirp_dbm_per_mhz: 65.0", f"eirp_dbm_per_mhz: {eirp}")
-        )
-        options = [
-            "--profile",
-            "poor",
-            "--approach",
-            str(tmp_path / f"{name}.yaml"),
-            "--outputs",
-            "20",
-            "--jobs",
-            "1",
-        ]
+        stations = text.replace("eirp_dbm_per_mhz: 65.0", f"eirp_dbm_per_mhz: {eirp}")
+        (tmp_path / f"{name}.yaml").write_text(stations)
+        options = f"--profile poor --approach {tmp_path / name}.yaml --outputs 20 --jobs 1".split()
         assert main([*options, "--out", str(tmp_path / name)]) == 0
         rows = list(csv.DictReader((tmp_path / name / "rows.csv").open()))
         assert [float(r["along_m"]) for r in rows] == [6000.0, 3000.0, 0.0]

@@ -1,30 +1,20 @@
 """The rooms stand in the order of the signal's way: no import points up, and none goes round in a circle."""
 
-import importlib.util
-import sys
+import functools
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+import draw_architecture as architecture
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-_SPEC = importlib.util.spec_from_file_location("draw_architecture", ROOT / "tools/draw_architecture.py")
-architecture = importlib.util.module_from_spec(_SPEC)
-sys.modules[_SPEC.name] = architecture
-_SPEC.loader.exec_module(architecture)
 
-IMPORTS = architecture.imports()
+every = functools.cache(architecture.imports)
 
 # imports within functions that close a circle of modules, and why each may
 LAZY_CIRCLES = {
-    (
-        "core.mitigation.own_process",
-        "core.mitigation",
-    ): "the process next to builds any registered method by its name",
-    (
-        "core.mitigation.trial_run",
-        "core.mitigation",
-    ): "the process that tries a file of others builds its method by its name",
+    ("core.mitigation.own_process", "core.mitigation"): "the process next to it builds methods by name",
+    ("core.mitigation.trial_run", "core.mitigation"): "the process that tries a file builds methods by name",
 }
 
 
@@ -52,32 +42,25 @@ def upward(imports):
 
 
 def test_no_import_points_up():
-    assert upward(IMPORTS) == []
+    assert upward(every()) == []
 
 
 def test_only_the_methods_that_judge_their_own_output_know_an_altimeter():
     """`lms` and `shift_check`; others know its settings and the quality of received frames, and no more."""
-    asking = {(e.source, e.target) for e in IMPORTS if e.source.startswith("core.mitigation")}
-    asking = {
-        (source, target)
-        for source, target in asking
-        if target.startswith(("core.altimeter", "core.timing", "core.tracker"))
-    }
+    asking = {(e.source, e.target) for e in every() if e.source.startswith("core.mitigation")}
+    asking = {(s, t) for s, t in asking if t.startswith(("core.altimeter", "core.timing", "core.tracker"))}
     altimeter = "core.altimeter.altimeter"
     known = {"core.altimeter.altimeter_settings", "core.altimeter.frame_quality"}
-    assert {source for source, target in asking if target not in known} == {
-        "core.mitigation.lms",
-        "core.mitigation.shift_check",
-    }
+    assert {s for s, t in asking if t not in known} == {"core.mitigation.lms", "core.mitigation.shift_check"}
     assert {target for _, target in asking} <= {altimeter} | known
 
 
 def test_no_import_goes_round_when_modules_are_loaded():
-    assert circle([entry for entry in IMPORTS if not entry.lazy]) == []
+    assert circle([entry for entry in every() if not entry.lazy]) == []
 
 
 def test_imports_within_functions_close_no_circle_in_core_but_those_with_a_reason():
-    core = [entry for entry in IMPORTS if entry.source.startswith("core")]
+    core = [entry for entry in every() if entry.source.startswith("core")]
     known = {(entry.source, entry.target) for entry in core if entry.lazy}
     assert known >= LAZY_CIRCLES.keys(), "an exception that is no longer needed"
     assert circle(core) != []
@@ -86,15 +69,12 @@ def test_imports_within_functions_close_no_circle_in_core_but_those_with_a_reaso
 
 def test_imports_within_functions_close_no_circle_in_the_bench_or_a_study():
     """No exception: a study names its report within `report`, and the report has its names from a third file."""
-    assert (
-        circle([entry for entry in IMPORTS if entry.source.startswith(("evaluation", "studies", "api"))])
-        == []
-    )
+    assert circle([e for e in every() if e.source.startswith(("evaluation", "studies", "api"))]) == []
 
 
 def test_nothing_imports_a_study_and_no_study_another():
     """`evaluation.programs` finds their commands by scanning."""
-    for entry in IMPORTS:
+    for entry in every():
         if entry.target.startswith("studies."):
             assert entry.source.split(".")[:2] == entry.target.split(".")[:2], entry
 
@@ -102,7 +82,7 @@ def test_nothing_imports_a_study_and_no_study_another():
 def test_every_module_has_its_room():
     homeless = [m for m in architecture.modules(architecture.PACKAGE) if architecture.room_of(m) is None]
     assert homeless == ["", "__main__"]  # the package itself, and as a command
-    assert len(IMPORTS) > 300  # and the reader has read them
+    assert len(every()) > 300  # and the reader has read them
 
 
 @pytest.mark.parametrize(

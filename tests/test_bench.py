@@ -1,5 +1,6 @@
 """The bench: rows are a function of the list, equal to the flowgraph's path, and comparable with stored ones."""
 
+import functools
 import itertools
 import os
 import re
@@ -25,6 +26,7 @@ from radalt.core.mitigation import METHODS
 from radalt.core.parsing import InputError
 from radalt.evaluation.results.rows import bits, unbits
 
+pytestmark = pytest.mark.usefixtures("measured_here", "undrawn")
 SHIPPED = tuple(METHODS)  # before other tests name methods of their own
 SAME = [name for name in COLUMNS.names if name not in COLUMNS.timing]
 TEXTBOOK = (slice(0, 6), slice(6, 9), slice(9, 11))  # columns of a table: without mitigation, whitening, tcae
@@ -36,6 +38,7 @@ def mitigate(frames, waveform):
     return np.clip(frames.real, -20, 20) + 1j * np.clip(frames.imag, -20, 20)
 """
 TURNS = read_rows(stored_rows("runtime").parent / "turns/runtime.csv", TURN_COLUMNS)
+shipped = functools.cache(lambda name: read_rows(stored_rows(name)))
 LISTS = sorted(path.stem for path in find_list("standard").parent.glob("*.yaml"))
 
 
@@ -78,7 +81,7 @@ def test_bits_survive_the_row_and_pairs_are_of_the_same_frames():
 @pytest.mark.parametrize("name", sorted(path.stem for path in stored_rows("standard").parent.glob("*.csv")))
 def test_stored_rows_are_of_their_list(name):
     """One digest, every case, the seeds of its levels."""
-    cases, rows = load_list(name), read_rows(stored_rows(name))
+    cases, rows = load_list(name), shipped(name)
     assert {row["digest"] for row in rows} == {cases.digest} and {row["list"] for row in rows} == {name}
     seeds = {(c.name, c.overlap): {c.at(level).seed for level in c.levels_db} for c in cases.cases}
     assert {(row["case"], row["overlap"]) for row in rows} == seeds.keys()
@@ -97,14 +100,14 @@ def test_stored_rows_are_of_their_list(name):
     ],
 )
 def test_a_page_has_the_table_of_the_stored_rows(root, page, name, view):
-    rows = read_rows(stored_rows(name))
+    rows = shipped(name)
     made = view(rows, list(dict.fromkeys(row["entry"] for row in rows)))
     assert made in (root / f"docs/{page}.md").read_text("utf-8")
 
 
 def test_stored_rows_can_be_measured_again():
     """Rows as stored, which notices a change of emitters, channel, receiver or method."""
-    cases, rows = load_list("standard"), read_rows(stored_rows("standard"))
+    cases, rows = load_list("standard"), shipped("standard")
     by_case = {(case.name, case.overlap): case for case in cases.cases}
     case = by_case["nr5", 0.6]
     frames = frames_of(case, -30.0)
@@ -169,7 +172,7 @@ def test_without_a_return_every_declared_altitude_is_false(tmp_path):
     assert f"| none | {row['detections']} of 8 |" in false_altitudes([row], {"none": 0.0155})
 
 
-def test_entries_have_their_own_altimeter_and_take_turns(tmp_path, undrawn):
+def test_entries_have_their_own_altimeter_and_take_turns(tmp_path):
     """Through the command: memory and start-up of each, the textbook's altitudes, a page without gaps."""
     out, methods = tmp_path / "a", "none,none_hann"
     words = ["runtime", "--cases", "clean,tones", "--frames", "36", "--jobs", "1", "--methods", methods]
@@ -207,9 +210,7 @@ def test_a_wrong_list_is_one_line(tmp_path, change, said):
     assert status == 2 and said in errors and errors.count("\n") <= 1
 
 
-def test_an_own_method_enters_and_rows_of_other_frames_are_refused(
-    tmp_path, monkeypatch, measured_here, undrawn
-):
+def test_an_own_method_enters_and_rows_of_other_frames_are_refused(tmp_path, monkeypatch):
     """As a user would: the shipped methods first, then a file of one's own against their rows."""
     monkeypatch.setenv("RADALT_REHEARSAL", "1")  # the business of test_hostile
     (tmp_path / "mine.py").write_text(OWN)
@@ -270,9 +271,7 @@ def test_what_is_ambiguous_is_wrong_nearly_as_often_as_right():
                 right = np.abs(found["forced_altitude_m"] - frames.truth_m) < case.limit_m
                 valid, could = found["valid"], found["reason"] == Reason.AMBIGUOUS
                 each = right.size, valid & right, valid & ~right, could & right, could & ~right
-                counts[method, allowed] = counts.get((method, allowed), 0) + np.array(
-                    [np.sum(x) for x in each]
-                )
+                counts[method, allowed] = counts.get((method, allowed), 0) + np.array([*map(np.sum, each)])
     for (method, allowed), (trials, right, wrong, *could) in counts.items():
         shares = np.array([right + could[0], right, wrong + could[1], wrong]) / trials
         print(f"| {method} | {allowed:g} m/s | " + " | ".join(f"{share:.3f}" for share in shares) + " |")

@@ -2,23 +2,21 @@
 
 import numpy as np
 import pytest
-from frames import noise, white
+from frames import ALTIMETER, W, noise, white
 
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt import Altimeter, AltimeterSettings, AltitudeTracker, Waveform
+from radalt.core.altimeter.altimeter import Reason
 from radalt.core.altimeter.beyond_span import BeyondSpan
 from radalt.core.altimeter.frame_quality import FrameQuality
 from radalt.core.interference import Interferer, QpskEmitter, interference_frames
 from radalt.core.mitigation import Mitigation, create
 from radalt.core.returns.point import point_return
 from radalt.core.scene import parse_scene
-from radalt.core.tracker.tracker import AltitudeTracker, Status
-from radalt.core.waveform import Waveform
+from radalt.core.tracker.tracker import Status
 from radalt.evaluation.flowgraph.generate import prepare
 from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.simulation import run_chain
 
-W = Waveform()
-ALTIMETER = Altimeter(W)
 FAST = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=150.0))
 
 
@@ -147,9 +145,7 @@ def test_the_tracker_gives_no_altitude_of_it(altitude_m):
 
 @pytest.mark.parametrize("high_m", [1560.0, 2600.0, 20_000.0])
 @pytest.mark.parametrize("weaker_db", [1.0, 8.0, 20.0])
-def test_what_lies_within_the_span_is_not_the_ground_while_the_ground_beyond_it_is_stronger(
-    high_m, weaker_db
-):
+def test_what_lies_within_the_span_is_not_the_ground_while_ground_beyond_it_is_stronger(high_m, weaker_db):
     """A weak echo at 300 m, from the start: a bird, a radar, a second bounce. The altimeter's reason says so."""
     tracker, rng = AltitudeTracker(ALTIMETER), np.random.default_rng([9, int(high_m), int(weaker_db)])
     for frames in stream(rng, high_m, 300.0, weaker_db, 200):

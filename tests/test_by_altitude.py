@@ -1,6 +1,6 @@
 """Results by altitude: rows that add up to the study's, the errors' distribution, and intervals of RMSE."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,8 +23,8 @@ POINT = OverlapPoint.at(0.5, -20.0, 10.0)
 
 
 def scene_of(altitudes_m: tuple[float, ...], frames: int) -> Scene:
-    altitude = dataclasses.replace(Scene().altitude, programme_m=altitudes_m, frames=frames)
-    return dataclasses.replace(Scene(), altitude=altitude, methods=("none",))
+    altitude = replace(Scene().altitude, programme_m=altitudes_m, frames=frames)
+    return replace(Scene(), altitude=altitude, methods=("none",))
 
 
 def measured(programme: Programme, seed: int = 1) -> np.ndarray:

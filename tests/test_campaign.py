@@ -1,9 +1,9 @@
 """The integrity campaign: what it flies is true, what is wrong is found, and what was found is found again."""
 
 import csv
-import dataclasses
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from radalt.core.altimeter.altimeter import shared_altimeter
 from radalt.core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
 from radalt.studies.integrity import command as program
+from radalt.studies.integrity import report
 from radalt.studies.integrity.beats import Beats
 from radalt.studies.integrity.cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
 from radalt.studies.integrity.columns import ROWS
@@ -22,15 +23,6 @@ from radalt.studies.integrity.flights import fly, rng_of
 from radalt.studies.integrity.frames import _bent, white_noise
 from radalt.studies.integrity.long_flights import flight_of, frames_of
 from radalt.studies.integrity.received import received
-from radalt.studies.integrity.report import (
-    _attitude_table,
-    _claim,
-    _hours_of,
-    _hours_table,
-    _weighted,
-    pooled,
-    summarise,
-)
 from radalt.studies.integrity.study import (
     TRACKER,
     IntegrityPoint,
@@ -58,9 +50,7 @@ def test_every_kind_has_cases_and_every_case_its_own_name():
 
 
 def test_alert_limit_is_do_155_or_half_a_range_cell():
-    np.testing.assert_allclose(
-        alert_limit_m(np.array([np.nan, 5.0, 150.0, 1000.0])), [10.0, 10.0, 10.0, 50.0]
-    )
+    np.testing.assert_allclose(alert_limit_m(np.array([np.nan, 5.0, 150.0, 1000.0])), [10, 10, 10, 50])
 
 
 def test_without_a_return_the_alert_limit_is_that_of_the_altitude_given():
@@ -76,7 +66,7 @@ def test_without_a_return_the_alert_limit_is_that_of_the_altitude_given():
 def test_noise_alone_gives_no_altitude_and_false_alarms_per_frame_are_wrong():
     for row in rows_of("noise/0"):
         assert (row["outputs"], row["computed"], row["hazardous"]) == (12, 0, 0)
-        assert row["correct"] == 0 and summarise([row])["pd"] is None
+        assert row["correct"] == 0 and report.summarise([row])["pd"] is None
 
 
 def test_a_clean_flight_is_followed_and_its_truth_belongs_to_the_end_of_each_output():
@@ -95,7 +85,7 @@ def test_a_clean_flight_is_followed_and_its_truth_belongs_to_the_end_of_each_out
 def test_a_step_in_a_block_behind_a_track_that_coasted_is_noticed():
     """The ground is 13 m nearer from the middle of block 22 on: its peak lies between, and the track beyond."""
     study = IntegrityStudy(methods=("none",), frames=2080, seed=9410009)
-    case = dataclasses.replace(case_of("landing/nr5/-30dB"), scene="qpsk_shaped")  # the flight is the name's
+    case = replace(case_of("landing/nr5/-30dB"), scene="qpsk_shaped")  # the flight is the name's
     flight, judged = study.flown(case, 0)
     outputs = judged["none"].outputs
     truth = flight.end_m[outputs["frame_index"]]
@@ -146,10 +136,8 @@ def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, m
     assert status == 0  # what is hazardous here is a stated limit
     assert_whole(out / "report.md", None)
     page = (tmp_path / "docs/integrity.md").read_text()
-    assert (
-        "**0 of 100 tracked outputs are hazardous inside the claim**" in page
-        and "(data/integrity.csv)" in page
-    )
+    assert "**0 of 100 tracked outputs are hazardous inside the claim**" in page
+    assert "(data/integrity.csv)" in page
     assert (tmp_path / "docs/figures/integrity_stanford.png").is_file()
     for row in csv.DictReader((out / "cases.csv").open()):  # two of ten outputs cannot be available
         assert float(row["after_start"]) == pytest.approx(float(row["availability"]) * 10 / 8)
@@ -171,8 +159,6 @@ def test_a_campaign_goes_on_to_more_hours(tmp_path, capsys, measured_here, undra
     assert len(ROWS.read(tmp_path / "out/flights.csv", "")) == len(ROWS.read(FLOWN, "")) + 8
 
 
-# -- long flights ------------------------------------------------------------------------------------------------------
-
 ALTIMETER = shared_altimeter(WAVEFORM, SMALL.settings)
 BEATS = Beats(ALTIMETER)
 BLOCKS = int(os.environ.get("RADALT_BEATS_BLOCKS", "12"))
@@ -192,9 +178,8 @@ def test_flights_at_the_decimated_rate_have_the_statuses_and_levels_of_whole_fra
     level = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0))
     for block in range(BLOCKS):
         scatterers, noise = flight.scatterers(block), level * white_noise(BLOCK, rng)
-        low = BEATS.returns(scatterers) + ALTIMETER.decimator.mix(
-            noise.reshape(BLOCK, 2, -1), ALTIMETER.mixer
-        )
+        beats = ALTIMETER.decimator.mix(noise.reshape(BLOCK, 2, -1), ALTIMETER.mixer)
+        low = BEATS.returns(scatterers) + beats
         both = ALTIMETER.spectra(frames_of(scatterers) + noise), ALTIMETER.of_beats(low)
         for tracker, out, spectra in zip(trackers, outputs, both, strict=True):
             out.append(tracker.process(spectra, frame_index=block * BLOCK + np.arange(BLOCK)))
@@ -224,11 +209,11 @@ def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
 
 def test_the_pages_have_the_rates_of_the_stored_flights(root):
     rows = ROWS.read(FLOWN, "")
-    assert _hours_table(rows) in (root / "docs/integrity.md").read_text("utf-8")
-    land = pooled((r for r in rows if r["kind"] == "land"), "case", "method")
+    assert report._hours_table(rows) in (root / "docs/integrity.md").read_text("utf-8")
+    land = report.pooled((r for r in rows if r["kind"] == "land"), "case", "method")
     tracker = (root / "docs/tracker.md").read_text("utf-8")
-    assert _attitude_table(land) in tracker
-    mine = _hours_of([r for r in rows if r["method"] == "tcae" and not case_of(r["case"]).known_limit])
+    assert report._attitude_table(land) in tracker
+    mine = report._hours_of([r for r in rows if r["method"] == "tcae" and not case_of(r["case"]).known_limit])
     assert mine["hazardous"] == 0 and f"below {mine['bound']:.0f} per flight hour" in tracker
     assert f"below {mine['bound']:.0f} per hour behind `tcae`" in (root / "README.md").read_text("utf-8")
 
@@ -239,18 +224,15 @@ def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs():
     row = _row(*judge_long(case, rng_of(case, 1, 0, 0), 1200, SMALL.settings)) | {"method": "none"}
     row |= {"case": "land/woods/level", "kind": "land", "misleading_events": 2, "hazardous_events": 1}
     rows = [row, row | {"hazardous_events": 0, "misleading_events": 0}]
-    found = _hours_of(rows)
+    found = report._hours_of(rows)
     assert (found["misleading"], found["hazardous"], found["hazardous_flights"]) == (2, 1, 1)
     assert found["hours"] == pytest.approx(60 * 0.04 / 3600)
     assert found["bound"] == pytest.approx(4.744 / found["hours"], rel=1e-3)  # Poisson, 95 %, one event
-    lines = _hours_table(rows).splitlines()[2:]
+    lines = report._hours_table(rows).splitlines()[2:]
     assert [line.split(" | ")[0] for line in lines][0] == "| land, level" and len(lines) == 4
     # 0.80 of 0.81 of the time level, one event in each stratum
-    weighted = _weighted({"land, level": rows, "a point": rows})
+    weighted = report._weighted({"land, level": rows, "a point": rows})
     assert weighted["bound"] == pytest.approx(6.296 / found["hours"] * 80 / 81, rel=1e-3)
-
-
-# -- the claim ---------------------------------------------------------------------------------------------------------
 
 
 def test_what_puts_a_case_outside_the_claim_is_stated_on_the_pages_of_the_limits(root):
@@ -283,7 +265,7 @@ def test_pages_give_the_numbers_of_the_published_table(root):
 def test_a_flight_counts_once_however_many_of_its_outputs_are_hazardous():
     (row,) = IntegrityStudy(("none",), frames=400).measure(IntegrityPoint("", 400, case="noise/0"))
     flights = [row | {"batch": k // 2, "hazardous": h} for k, h in enumerate((3, 1, 0, 0, 0, 0))]
-    claim = _claim(flights)
+    claim = report._claim(flights)
     assert (claim["hazardous"], claim["outputs"]) == (4, 60)
     assert (claim["hazardous_flights"], claim["flights"]) == (1, 3)
     assert claim["flight_bound"] == pytest.approx(stats.beta.ppf(0.95, 2, 2))
@@ -296,9 +278,6 @@ def test_a_step_is_in_the_last_quarter_of_a_block_where_the_case_is_outside_the_
             altitude_m = fly(case, 1, part, 2000).end_m
             steps = 1 + np.flatnonzero(np.abs(np.diff(altitude_m)) > 0.5)
             assert np.all((steps % 40 >= 30) == case.known_limit), (case.name, part)
-
-
-# -- the kinds ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_sweep_that_is_not_linear_leaves_the_line_by_its_share_of_the_bandwidth():

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import sysconfig
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -41,10 +42,12 @@ def seen(tmp_path_factory) -> dict:
     """Every flowgraph of the module in one companion, by file name; the simulated bench and the radios' are run."""
     folder, first = tmp_path_factory.mktemp("home"), ["ota_sim.grc", "ota_b210.grc"]
     paths = [Path(shutil.copy(path, folder)) for path in FLOWGRAPHS]
+    if (kept := Path.home() / ".cache/grc_gnuradio").is_dir():  # the blocks' descriptions, read before
+        shutil.copytree(kept, folder / ".cache/grc_gnuradio")
     paths.sort(key=lambda path: (path.name not in first, path.name == first[1]))
     report = companion(folder, paths, str(ROOT / "grc"), "--run", "2")
     pages = {Path(page["file"]).name: page for page in report["pages"]}
-    return pages | {"title": report["title"], "consoles": dict(zip(first, report["consoles"], strict=True))}
+    return pages | {"consoles": dict(zip(first, report["consoles"], strict=True))}
 
 
 def on_file(path: Path) -> dict:
@@ -58,17 +61,11 @@ def overlaps(first: list[float], second: list[float]) -> bool:
     return across > -4 and down > -4
 
 
-def test_window_shows_a_flowgraph(seen):
-    """The probe itself waits until the X server shows the window."""
-    assert seen["title"].split(" ")[0] in {path.name for path in FLOWGRAPHS}
-
-
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_all_blocks_are_there_found_and_right(seen, path):
     data, page = on_file(path), seen[path.name]
-    assert {b["name"] for b in page["blocks"]} - {data["options"]["parameters"]["id"]} == {
-        b["name"] for b in data["blocks"]
-    }
+    named = {b["name"] for b in data["blocks"]}
+    assert {b["name"] for b in page["blocks"]} == named | {data["options"]["parameters"]["id"]}
     assert len(page["blocks"]) == len(data["blocks"]) + 1  # and the options
     assert page["connections"] == len(data["connections"])
     assert [b["name"] for b in page["blocks"] if b["dummy"]] == []
@@ -78,12 +75,7 @@ def test_all_blocks_are_there_found_and_right(seen, path):
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_boxes_do_not_overlap(seen, path):
     blocks = seen[path.name]["blocks"]
-    pairs = [
-        (a["name"], b["name"])
-        for i, a in enumerate(blocks)
-        for b in blocks[:i]
-        if overlaps(a["box"], b["box"])
-    ]
+    pairs = [(a["name"], b["name"]) for a, b in combinations(blocks, 2) if overlaps(a["box"], b["box"])]
     assert pairs == []
 
 
@@ -110,9 +102,8 @@ def test_sections_have_titles(seen, path):
     assert all(len(title) <= 27 for title in titles), "the companion cuts longer text off"
     top = min(b["states"]["coordinate"][1] for b in notes)
     assert top >= SECTIONS_FROM
-    signal = [
-        b for b in on_file(path)["blocks"] if b["id"].startswith(("radalt_", "uhd_", "epy_", "blocks_"))
-    ]
+    kinds = ("radalt_", "uhd_", "epy_", "blocks_")
+    signal = [b for b in on_file(path)["blocks"] if b["id"].startswith(kinds)]
     assert all(b["states"]["coordinate"][1] > top for b in signal)
 
 

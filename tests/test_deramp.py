@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
+from radalt import Altimeter, AltimeterSettings, Waveform
 from radalt.core.deramp.emitters import Carrier, OtherAltimeter, Tone, interference_if
 from radalt.core.deramp.if_waveform import IfWaveform, white_noise
 from radalt.core.fir import kaiser_lowpass
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk import QpskEmitter
 from radalt.core.returns.point import point_return
-from radalt.core.waveform import Waveform
 
 C = 299_792_458.0
 # slope 20 GHz/s; full rate 38.4 MS/s, so that every beat with the sweep stays below its Nyquist frequency

@@ -43,9 +43,6 @@ def impaired(emitter, **effects):
     return ImpairedEmitter(emitter=emitter, effects=Impairments(**effects))
 
 
-# -- scenes that name no effect ---------------------------------------------------------------------------------------
-
-
 def test_scene_with_effects_survives_the_round_trip():
     effects = {
         "amplifier": {"backoff_db": 7.0, "smoothness": 3.0},
@@ -62,9 +59,6 @@ def test_scene_with_effects_survives_the_round_trip():
         assert "amplifier 7 dB backed off" in one.emitter.title(7.5e6)
 
 
-# -- placement --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("emitter", [NrEmitter(), QpskEmitter(), ToneEmitter(3)], ids=["nr", "qpsk", "tones"])
 @pytest.mark.parametrize("overlap", [1.0, 0.3])
 def test_sir_and_overlap_are_exact_with_every_effect(emitter, overlap):
@@ -75,9 +69,7 @@ def test_sir_and_overlap_are_exact_with_every_effect(emitter, overlap):
 
 
 def test_a_radar_that_is_drawn_into_the_window_is_heard_in_it():
-    emitter = ImpairedEmitter(
-        emitter=FmcwEmitter(), effects=Impairments(fading=FadingChannel(doppler_hz=50.0))
-    )
+    emitter = ImpairedEmitter(emitter=FmcwEmitter(), effects=Impairments(fading=FadingChannel(doppler_hz=50)))
     rng = np.random.default_rng(3)
     power = [np.mean(np.abs(emitter.samples(500, RATE_HZ, rng)) ** 2) for _ in range(100)]
     assert min(power) > 1e-3 * np.median(power)
@@ -100,9 +92,6 @@ def test_a_period_of_5g_comes_again_through_a_still_channel():
     stream = JammerStream(Waveform(), [Interferer(emitter, 0.0)], seed=3, free_running=True)
     samples = np.concatenate([stream.next_frame() for _ in range(22)])[N:]
     np.testing.assert_allclose(samples[75_000 : 11 * N], samples[: 11 * N - 75_000], atol=1e-4)
-
-
-# -- error vectors ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("evm", [0.03, 0.2, "typical"])
@@ -142,26 +131,16 @@ def measured_evm(symbols):
     return np.sqrt(np.mean(np.abs(symbols / gain - ideal) ** 2))
 
 
-# -- amplifier --------------------------------------------------------------------------------------------------------
-
-
 def orders(amplifier, count=12):
-    """Powers of a Gaussian signal's parts of order 1, 3, 5 and so on behind the amplifier, on Laguerre polynomials.
-
-    y = sum_n b_n x L_n^(1)(|x|^2) / sqrt(n + 1), b_n = E[y x* L_n^(1)(|x|^2)] / sqrt(n + 1): the autocorrelation is
-    then sum_n b_n^2 rho |rho|^(2n) of the input's rho.
-    """
+    """b_n^2, powers of a Gaussian signal's orders 1, 3, 5 ... behind the amplifier: y = sum_n b_n x L_n^(1)(|x|^2) /
+    sqrt(n + 1), b_n = E[y x* L_n^(1)(|x|^2)] / sqrt(n + 1), autocorrelation sum_n b_n^2 rho |rho|^(2n)."""
     a = np.linspace(0.0, 6.0, 60_001)
     saturation = 10 ** (amplifier.backoff_db / 20)
     p = amplifier.smoothness
     out = a / (1 + (a / saturation) ** (2 * p)) ** (0.5 / p)
-    density = 2 * a * np.exp(-(a**2))
-    return np.array(
-        [
-            (np.sum(density * out * a * eval_genlaguerre(n, 1, a**2)) * (a[1] - a[0])) ** 2 / (n + 1)
-            for n in range(count)
-        ]
-    )
+    density, n = 2 * a * np.exp(-(a**2)), np.arange(count)
+    parts = density * out * a * eval_genlaguerre(n[:, None], 1, a**2)
+    return (parts.sum(axis=1) * (a[1] - a[0])) ** 2 / (n + 1)
 
 
 def order_spectra(width, count, size=1 << 14):
@@ -220,18 +199,13 @@ def test_amplified_5g_demodulates_with_the_evm_of_the_series():
 def test_any_emitter_is_amplified_wide_and_then_received():
     """Two tones give third-order products next to them: IM3 of a Rapp amplifier, by its Fourier series."""
     tones = ToneEmitter(frequencies_hz=(0.9e6, 1.1e6))
-    samples = impaired(tones, amplifier=Amplifier(backoff_db=4.0)).samples(
-        N, RATE_HZ, np.random.default_rng(1)
-    )
+    samples = impaired(tones, amplifier=Amplifier(backoff_db=4)).samples(N, RATE_HZ, np.random.default_rng(1))
     lines = np.abs(np.fft.fft(samples)) ** 2
     envelope = np.sqrt(2.0) * np.cos(np.pi * (np.arange(4096) + 0.5) / 2048)  # of two tones, over one beat
     bent = envelope / (1 + (envelope**2 / 10**0.4) ** 2) ** 0.25
     series = np.abs(np.fft.fft(bent)) ** 2
     assert lines[1300] / lines[1100] == pytest.approx(series[3] / series[1], rel=0.02)
     assert lines[500] / lines[900] == pytest.approx(series[5] / series[1], rel=0.1)
-
-
-# -- oscillators ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("clock_ppm", "offset_hz"), [(50.0, 0.0), (-20.0, 777.0), (0.0, -1234.5)])
@@ -275,9 +249,6 @@ def test_phase_noise_has_its_rms_and_its_autocorrelation(rms_deg, bandwidth_hz):
         found = np.mean(phase[lag:] * phase[:-lag]) / np.var(phase)
         assert found == pytest.approx(np.exp(-2 * np.pi * bandwidth_hz * lag / RATE_HZ), abs=0.03)
     assert np.abs(np.diff(phase)).max() < 3.0 * rms_deg  # no frame begins with a phase of its own
-
-
-# -- fading that goes on ----------------------------------------------------------------------------------------------
 
 
 def test_a_channel_that_does_not_move_keeps_the_sir_of_a_stream():

@@ -19,9 +19,8 @@ RATE_HZ = 7.5e6
 @pytest.mark.parametrize("up_fraction", [0.5, 0.3, 1.0, 0.0])
 def test_fmcw_phase_is_the_integral_of_its_frequency(up_fraction):
     """B T and f T are no whole numbers of cycles here: pasted formulae would jump at the seams."""
-    emitter = FmcwEmitter(
-        carrier_hz=1.2345e6, sweep_bandwidth_hz=10.1e6, sweep_period_s=0.7777e-3, up_fraction=up_fraction
-    )
+    sweep = {"carrier_hz": 1.2345e6, "sweep_bandwidth_hz": 10.1e6, "sweep_period_s": 0.7777e-3}
+    emitter = FmcwEmitter(**sweep, up_fraction=up_fraction)
     step_s = 1e-9
     for centre_s in (0.0, 0.7777e-3 * up_fraction, 0.7777e-3, -0.7777e-3, 3.1e-3):
         t = centre_s + (np.arange(-500, 500) + 0.3) * step_s
@@ -116,9 +115,8 @@ def test_linear_fm_within_the_pulse():
 @pytest.mark.parametrize("carrier_hz", [0.0, 3.0e6, 9.0e6])
 @pytest.mark.parametrize("pulse_width_s", [0.2e-6, 2e-6])
 def test_pulsed_long_run_power_is_one_wherever_the_carrier(carrier_hz, pulse_width_s):
-    emitter = PulsedRadarEmitter(
-        prf_hz=10e3, pulse_width_s=pulse_width_s, carrier_hz=carrier_hz, always_in_window=False
-    )
+    pulses = {"prf_hz": 10e3, "pulse_width_s": pulse_width_s, "carrier_hz": carrier_hz}
+    emitter = PulsedRadarEmitter(**pulses, always_in_window=False)
     window = emitter.samples(30_000, RATE_HZ, np.random.default_rng(7))  # 40 whole intervals
     assert np.mean(np.abs(window) ** 2) == pytest.approx(1.0, rel=0.03)
 
@@ -138,9 +136,7 @@ def test_resampling_keeps_tones_in_place_without_delay_or_seam(rate_hz):
     count = 76_800  # 10 ms at 7.68 MHz
     tones_hz = np.array([-3.1e6, -1.7e6, 0.4e6, 2.9e6])
     amplitude = np.array([1.0, 0.5j, -0.7, 0.3])
-    sent = (amplitude[:, None] * np.exp(2j * np.pi * tones_hz[:, None] * np.arange(count) / 7.68e6)).sum(
-        axis=0
-    )
+    sent = amplitude @ np.exp(2j * np.pi * tones_hz[:, None] * np.arange(count) / 7.68e6)
     got = resample_periodic(sent, 7.68e6, rate_hz)
     t = np.arange(round(10e-3 * rate_hz)) / rate_hz
     expected = (amplitude[:, None] * np.exp(2j * np.pi * tones_hz[:, None] * t)).sum(axis=0)
@@ -177,9 +173,6 @@ def test_sir_and_overlap_are_exact_for_every_type_and_windows_follow_the_seed(na
         assert active[-1] - active[0] < round(overlap * 7500)
         if name != "pulsed":  # which is truly silent between its pulses
             assert active.size == round(overlap * 7500)
-
-
-# -- by name ----------------------------------------------------------------------------------------------------------
 
 
 def test_every_emitter_file_holds_the_emitter_of_its_name():

@@ -3,7 +3,6 @@
 import os
 import shlex
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from waiting import crowd, end_of, ran, wait_for, written
+from waiting import crowd, end_of, ran, started, wait_for, written
 
 from radalt.evaluation.engine import command, pool
 from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
@@ -60,9 +59,7 @@ class Coins(Study):
         chance = float(point.name.split()[1])
         rng = np.random.default_rng([self.seed, round(1e6 * chance)])
         right = int((rng.random(point.frames) < chance).sum())
-        score = Score(
-            point.frames, point.frames, right, point.frames, squared_detected_m2=1 / 3 * point.frames
-        )
+        score = Score(point.frames, point.frames, right, point.frames, squared_detected_m2=point.frames / 3)
         return [{"coin": point.name} | score.row()]
 
     def report(self, folder, rows, how):
@@ -95,7 +92,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
         f"if __name__ == '__main__': run(Coins(pause_s=0.3), Options(Path({str(tmp_path / 'run')!r}), jobs=1))\n"
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
-    process = subprocess.Popen([sys.executable, tmp_path / "program.py"])
+    process = started(sys.executable, tmp_path / "program.py")
     journal = tmp_path / "run" / "points.jsonl"
     wait_for(written(journal), "the first point", process=process)
     process.kill()
@@ -166,7 +163,7 @@ def test_options_that_do_not_fit_are_one_line_and_status_2(capsys, arguments, ex
 
 
 @pytest.mark.parametrize(
-    ("sent", "status", "said"), [(signal.SIGINT, 130, "stopped"), (signal.SIGTERM, 143, "terminated")]
+    ("sent", "status", "said"), [("SIGINT", 130, "stopped"), ("SIGTERM", 143, "terminated")]
 )
 def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sent, status, said):
     code = (
@@ -180,12 +177,11 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
         "        sys.exit(command.main(coins, options, program='coins', dry_run=False))\n"
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
-    process = subprocess.Popen([sys.executable, tmp_path / "program.py"], **pipes)
+    process = started(sys.executable, tmp_path / "program.py")
     wait_for((tmp_path / "run" / "run.json").exists, "run.json", process=process)
     time.sleep(1.0)
     # Ctrl-C reaches the whole group, a batch system's SIGTERM the program
-    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
+    os.killpg(process.pid, signal.SIGINT) if sent == "SIGINT" else process.terminate()
     _, err = end_of(process)
     assert process.returncode == status
     assert f"coins: {said}; 0 of " in err and " points are kept, go on with: " in err

@@ -27,9 +27,7 @@ def test_in_band_power_by_hand():
     wavelength_m = C_M_PER_S / 4.3e9
     aperture_db = 10 * np.log10(wavelength_m**2 / (4 * np.pi))
     by_hand_dbm = -82 + 10 * np.log10(7.5) + 10 + aperture_db - 3 + 30
-    report = FaaMask(
-        receiver_filter=ButterworthFilter(order=20)
-    ).report()  # as near to a brick wall as it gets
+    report = FaaMask(receiver_filter=ButterworthFilter(order=20)).report()  # nearly a brick wall
     assert by_hand_dbm == pytest.approx(-70.38, abs=0.01)
     assert report.in_band_dbm == pytest.approx(by_hand_dbm, abs=0.01)
     assert report.out_of_band_dbm < -150

@@ -27,9 +27,8 @@ def test_tukey_and_kaiser_are_scipys_to_the_bit(points):
 def test_low_pass_is_scipys_to_the_bit_and_keeps_its_word(pass_hz, stop_hz, rate_hz):
     taps = kaiser_lowpass(pass_hz, stop_hz, rate_hz)
     count, beta = signal.kaiserord(80.0, (stop_hz - pass_hz) / (rate_hz / 2))
-    assert np.array_equal(
-        taps, signal.firwin(count | 1, (stop_hz + pass_hz) / 2, window=("kaiser", beta), fs=rate_hz)
-    )
+    window = ("kaiser", beta)
+    assert np.array_equal(taps, signal.firwin(count | 1, (stop_hz + pass_hz) / 2, window=window, fs=rate_hz))
     frequency, response = signal.freqz(taps, worN=20_000, fs=rate_hz)
     assert np.abs(response[frequency >= stop_hz]).max() < 10 ** (-78 / 20)
     assert np.abs(np.abs(response[frequency <= pass_hz]) - 1).max() < 3e-4

@@ -14,10 +14,7 @@ from radalt.evaluation.radios.first_light import STEPS, Bench, Check, perform
 
 RADAR, JAMMER = "R30F4A11", "J30F4A22"
 RADIO = uhd_double.RADIO | {"radar_serial": RADAR, "jammer_serial": JAMMER, "jammer_tx_gain_db": 40.0}
-SCENE = {
-    "radio": RADIO,
-    "interference": {"qpsk": {"sir_db": -10.0, "overlap": 1.0, "bandwidth_hz": 2.0025e6}},
-}
+SCENE = {"radio": RADIO, "interference": {"qpsk": {"sir_db": -10, "overlap": 1.0, "bandwidth_hz": 2.0025e6}}}
 
 
 def a_bench(monkeypatch, tmp_path, radio=(), **faults):
@@ -119,9 +116,7 @@ def test_the_command_leaves_rows_and_a_report_and_does_not_overwrite_another(tmp
     options = ["--sim", "--frames", "4", "--starts", "2", "--steps", "starts", "--out", str(out)]
     assert command.main(options) == 0
     rows = list(csv.DictReader((out / "rows.csv").read_text().splitlines()))
-    assert {(row["step"], row["verdict"]) for row in rows} == {
-        (n, "pass") for n in ("receiver", "radar", "starts")
-    }
+    assert {(r["step"], r["verdict"]) for r in rows} == {(n, "pass") for n in ("receiver", "radar", "starts")}
     assert "altitudes right at 300 m" in (out / "report.md").read_text()
     assert command.main(options) == 2
     assert "holds another hour; name another --out" in capsys.readouterr().err
@@ -152,9 +147,8 @@ def test_an_hour_that_is_broken_off_leaves_its_report(tmp_path, monkeypatch):
 
 
 def test_what_a_step_cannot_use_is_a_failed_check_and_the_next_step_goes_on(tmp_path):
-    scene = parse_scene(
-        {**SCENE, "interference": {"recording": {"file": str(tmp_path / "none"), "sir_db": -10.0}}}
-    )
+    recording = {"file": str(tmp_path / "none"), "sir_db": -10.0}
+    scene = parse_scene(SCENE | {"interference": {"recording": recording}})
     bench = Bench(scene, tmp_path / "first", simulated=True, frames=4, starts=2, minutes=0.001)
     failed, found = verdicts(bench, "receiver", "radar", "jammer", "starts")
     assert set(failed) == {"jammer: run"}

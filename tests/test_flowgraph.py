@@ -2,7 +2,6 @@
 
 import ast
 import contextlib
-import dataclasses
 import importlib.util
 import inspect
 import io
@@ -14,6 +13,7 @@ import sys
 import threading
 import time
 import types
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -60,8 +60,6 @@ def platform():
 
 
 # -- the rewrite ------------------------------------------------------------------------------------------------------
-
-
 def test_only_what_stands_for_radios_differs(b210):
     """Every other block, its parameters, state: equal, but that nothing is dropped. Every other connection: equal."""
     simulated = simulate(b210)
@@ -159,8 +157,6 @@ def test_flowgraph_validates_compiles_and_imports(path, platform, tmp_path, caps
 
 
 # -- descriptions -----------------------------------------------------------------------------------------------------
-
-
 def rendered(platform, key: str, **values: str) -> tuple[str, list[str]]:
     """Constructor and callbacks of a block as the compiler writes them, the block being named ``it``."""
     graph = platform.make_flow_graph()
@@ -226,8 +222,6 @@ def test_description_makes_the_block_for_every_option_of_its_choices(path, platf
 
 
 # -- running ----------------------------------------------------------------------------------------------------------
-
-
 def scene_of(**keys):
     base = {
         "altitude": {"programme_m": np.geomspace(1500, 3, 10).tolist(), "frames": 5},
@@ -286,7 +280,7 @@ def test_landing_with_vertical_speed_and_leakage(clear):
 def test_same_seed_same_rows_and_another_seed_others(jammed):
     scene = scene_of(interference={"qpsk": {"sir_db": -24.0, "overlap": 0.6}}, seed=5)
     first, again = (run_point(jammed, scene, time_limit_s=patient(120)) for _ in range(2))
-    other = run_point(jammed, dataclasses.replace(scene, seed=6), time_limit_s=patient(120))
+    other = run_point(jammed, replace(scene, seed=6), time_limit_s=patient(120))
     for method in jammed.methods:
         assert first.results[method].tobytes() == again.results[method].tobytes()
         assert first.results[method].tobytes() != other.results[method].tobytes()
@@ -296,7 +290,7 @@ def test_jammer_chain_at_overlap_zero_is_bit_identical_to_none(clear, jammed):
     """what was left out is what would have been there at zero."""
     scene = scene_of(interference={"qpsk": {"sir_db": -20.0}}, seed=4).at(overlap=0.0)
     with_chain = run_point(jammed, scene, time_limit_s=patient(120))
-    without = run_point(clear, dataclasses.replace(scene, interference=()), time_limit_s=patient(120))
+    without = run_point(clear, replace(scene, interference=()), time_limit_s=patient(120))
     assert len(without.results["none"]) >= 58
     assert with_chain.results["none"].tobytes() == without.results["none"].tobytes()
 
@@ -370,8 +364,6 @@ def test_ctrl_c_while_it_waits_lets_every_block_come_to_its_end():
 
 
 # -- the companion's Run button ---------------------------------------------------------------------------------------
-
-
 def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A generated program, started as the shipped flowgraphs' option *Run Command* says."""
     command = load_grc(ROOT / "flowgraphs/ota_sim.grc")["options"]["parameters"]["run_command"]

@@ -73,30 +73,19 @@ def test_no_terminal_no_home_and_no_style_of_the_user_ends_a_run(root, tmp_path)
     style = tmp_path / "matplotlibrc"
     style.write_text("text.usetex: True\nfont.family: None Such\n")
     theirs = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "MATPLOTLIBRC": str(style)}
-    done = run(
-        root,
-        *RUN,
-        tmp_path / "x$^{\N{MINUS SIGN}y",
-        PYTHONIOENCODING="latin-1",
-        HOME="/proc/nobody",
-        **theirs,
-    )
+    theirs |= {"PYTHONIOENCODING": "latin-1", "HOME": "/proc/nobody"}
+    done = run(root, *RUN, tmp_path / "x$^{\N{MINUS SIGN}y", **theirs)
     assert (done.returncode, done.stderr) == (0, "")
     assert "\\u2212" in done.stdout
 
 
 @pytest.mark.parametrize(
     ("name", "read"),
-    [
-        ("sigmf", lambda path: open_sigmf(path / "x.sigmf-meta")),
-        ("dted", lambda path: Terrain.load([path / "x.dt0"])),
-    ],
+    [("sigmf", lambda p: open_sigmf(p / "x.sigmf-meta")), ("dted", lambda p: Terrain.load([p / "x.dt0"]))],
 )
 def test_an_optional_package_that_is_missing_is_named_with_the_remedy(monkeypatch, tmp_path, name, read):
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(
-        InputError, match=f"needs the package {name}, which .*python.* lacks; run 'make setup'"
-    ):
+    with pytest.raises(InputError, match=f"the package {name}, which .*python.* lacks; run 'make setup'"):
         read(tmp_path)
 
 
@@ -122,8 +111,7 @@ def test_a_numpy_that_gnu_radio_was_not_built_for_is_one_line(root, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("module", "name"),
-    [(gallery, "x.png"), (make_recording, "x.sigmf-meta"), (make_recording, "x.sigmf-data")],
+    "module, name", [(gallery, "x.png"), (make_recording, "x.sigmf-meta"), (make_recording, "x.sigmf-data")]
 )
 def test_what_a_command_has_not_written_is_kept(module, name, tmp_path):
     (tmp_path / name).write_text("mine")

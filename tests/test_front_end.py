@@ -12,6 +12,14 @@ def amplitude(dbm):
     return np.sqrt(10 ** (np.asarray(dbm) / 10))
 
 
+def gaussian(n, rate, width):
+    """A band of Gaussian noise of power 1."""
+    spectrum = np.fft.fft(np.random.default_rng(1).standard_normal((n, 2)) @ (1, 1j))
+    spectrum[np.abs(np.fft.fftfreq(n, 1 / rate)) > 0.5 * width] = 0
+    envelope = np.fft.ifft(spectrum)
+    return envelope / np.sqrt(np.mean(np.abs(envelope) ** 2))
+
+
 def applied(x):
     return x * AMPLIFIER.gain(np.abs(x))
 
@@ -36,9 +44,8 @@ def test_third_order_is_that_of_iip3(power_dbm):
 
 def test_weak_gain_is_the_derivative():
     a, d = amplitude([-40.0, -20.0, -10.0, 5.0]), 1e-7
-    by_differences = 0.5 * (
-        (AMPLIFIER.envelope(a + d) - AMPLIFIER.envelope(a - d)) / (2 * d) + AMPLIFIER.envelope(a) / a
-    )
+    slope = (AMPLIFIER.envelope(a + d) - AMPLIFIER.envelope(a - d)) / (2 * d)
+    by_differences = 0.5 * (slope + AMPLIFIER.envelope(a) / a)
     assert np.allclose(AMPLIFIER.weak_gain(a), by_differences, rtol=1e-4)
 
 
@@ -46,25 +53,17 @@ def test_weak_gain_is_the_derivative():
 def test_a_blocker_outside_the_band_needs_its_envelope_alone(power_dbm):
     """Brute force: a weak carrier 460 MHz from a Gaussian blocker of 98 MHz, both through the amplifier at 2.4 GS/s."""
     rate, n = 2.4e9, 1 << 19
-    rng = np.random.default_rng(1)
-    spectrum = np.fft.fft(rng.standard_normal(n) + 1j * rng.standard_normal(n))
-    spectrum[np.abs(np.fft.fftfreq(n, 1 / rate)) > 49e6] = 0
-    envelope = np.fft.ifft(spectrum)
-    envelope /= np.sqrt(np.mean(np.abs(envelope) ** 2))
     at = round(300e6 * n / rate)
     wanted = 1e-5 * np.exp(2j * np.pi * (np.arange(n) * at % n) / n)
     moved = np.exp(2j * np.pi * np.mod(np.arange(n) * round(-160e6 * n / rate) / n, 1))
-    blocker = amplitude(power_dbm) * envelope * moved
+    blocker = amplitude(power_dbm) * gaussian(n, rate, 98e6) * moved
     out = np.fft.fft(applied(wanted + blocker) - applied(blocker))[at] / n / 1e-5
     brute_db = 20 * np.log10(abs(out))
-    of_envelope = 20 * np.log10(np.mean(AMPLIFIER.weak_gain(np.abs(blocker))))
-    assert of_envelope == pytest.approx(brute_db, abs=0.01)
+    weak = AMPLIFIER.weak_gain(np.abs(blocker))
+    assert 20 * np.log10(np.mean(weak)) == pytest.approx(brute_db, abs=0.01)
     under = AMPLIFIER.with_strong(power_dbm, constant_envelope=False)
     assert 20 * np.log10(under.weak) == pytest.approx(brute_db, abs=0.05)  # this realisation's envelope
-    assert under.modulation == pytest.approx(
-        np.var(AMPLIFIER.weak_gain(np.abs(blocker))) / np.mean(AMPLIFIER.weak_gain(np.abs(blocker))) ** 2,
-        rel=0.05,
-    )
+    assert under.modulation == pytest.approx(np.var(weak) / np.mean(weak) ** 2, rel=0.05)
 
 
 def test_noise_leaves_a_distortion_of_its_own_as_the_cubic_says():
@@ -89,19 +88,15 @@ def test_two_carriers_give_the_product_that_iip2_says(iip2_dbm):
     squared = tones.sum(axis=0) ** 2 * 10 ** (-iip2_dbm / 20) / np.sqrt(2)
     brute = 2 * np.abs(np.fft.fft(squared)[10] / 4096) ** 2
     assert 10 * np.log10(brute) == pytest.approx(2 * each_dbm - iip2_dbm, abs=0.01)
-    envelope_mw = (
-        np.abs(amplitude(each_dbm) * np.exp(2j * np.pi * np.outer([500, 510], n) / 4096).sum(axis=0)) ** 2
-    )
+    both = np.exp(2j * np.pi * np.outer([500, 510], n) / 4096).sum(axis=0)
+    envelope_mw = np.abs(amplitude(each_dbm) * both) ** 2
     line = np.abs(np.fft.fft(rectified(envelope_mw, iip2_dbm))[10] / 4096) ** 2
     assert line == pytest.approx(brute / 2, rel=1e-6)  # the rest at the image: a wanted line is on one side
 
 
 def test_a_rectified_carrier_of_noise_has_the_density_of_the_closed_form():
     rate, n, width, power_dbm, iip2_dbm = 400e6, 1 << 20, 98e6, -20.0, 10.0
-    spectrum = np.fft.fft(np.random.default_rng(1).standard_normal((n, 2)) @ (1, 1j))
-    spectrum[np.abs(np.fft.fftfreq(n, 1 / rate)) > 0.5 * width] = 0
-    envelope = np.fft.ifft(spectrum)
-    envelope *= amplitude(power_dbm) / np.sqrt(np.mean(np.abs(envelope) ** 2))
+    envelope = amplitude(power_dbm) * gaussian(n, rate, width)
     at_if = np.fft.fft(rectified(np.abs(envelope) ** 2, iip2_dbm))[1:2600]  # 1 MHz of beats
     density = np.mean(np.abs(at_if) ** 2) / n / rate
     assert density == pytest.approx(rectified_mw_per_hz(10 ** (power_dbm / 10), iip2_dbm, width), rel=0.08)
@@ -126,11 +121,6 @@ def test_small_blockers_act_as_the_cubic_says():
     carrier = AMPLIFIER.with_strong(-35.0, constant_envelope=True)
     assert (carrier.weak, carrier.modulation) == (pytest.approx(1 - 2 * share, abs=3e-4), 0.0)
     assert carrier.own == pytest.approx(1 - share, abs=3e-4)
-
-
-def test_intercept_too_low_says_so():
-    with pytest.raises(ValueError, match="more than 7.8 dB above"):
-        Amplifier(-20.0, -12.5)
 
 
 @pytest.mark.parametrize("over_db", [-6.0, 0.0, 6.0, 12.0])

@@ -1,8 +1,6 @@
 """Whatever comes in, a command ends with a result, or with status 2 and one line; nothing else is a way to end.
 
-Seconds in the suite, the same examples every time. `make fuzz` runs it with other examples for RADALT_FUZZ_S seconds
-(default 3600), and prints how many of each target there were and how they ended.
-"""
+The same examples every time; `make fuzz`: others for RADALT_FUZZ_S seconds (default 3600), counted by their ends."""
 
 import contextlib
 import hashlib
@@ -38,17 +36,14 @@ pytestmark = [pytest.mark.timeout(3 * SECONDS)] * bool(SECONDS)
 ROOT = Path(__file__).resolve().parent.parent
 
 
+ALL = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
+
+
 def fuzz(check, examples: int, *strategies) -> Counter:
     """Run ``check``, which returns how it ended, on examples of the strategies; counts of the ends."""
     ends: Counter = Counter()
 
-    @settings(
-        max_examples=examples,
-        deadline=None,
-        database=None,
-        derandomize=not SECONDS,
-        suppress_health_check=list(HealthCheck),
-    )
+    @settings(max_examples=examples, derandomize=not SECONDS, **ALL)
     @given(st.tuples(*strategies))
     def once(values):
         ends[check(*values)] += 1
@@ -72,7 +67,6 @@ def report(request):
 
 
 # -- values that no reader wants --------------------------------------------------------------------
-
 NUMBERS = st.one_of(
     st.integers(-10, 10),
     st.integers(),
@@ -119,11 +113,9 @@ PLACES = [p for p in places(WHOLE) if p]
 
 def holds(node, key) -> bool:
     """Whether a mapping or list has this key or index."""
-    return (
-        key in node
-        if isinstance(node, dict)
-        else isinstance(node, list) and isinstance(key, int) and key < len(node)
-    )
+    if isinstance(node, dict):
+        return key in node
+    return isinstance(node, list) and isinstance(key, int) and key < len(node)
 
 
 def changed(whole, changes):
@@ -162,8 +154,6 @@ def written(path: Path, text: str) -> Path:
 
 
 # -- the targets ------------------------------------------------------------------------------------
-
-
 def test_scenes(tmp_path, report):
     """Any value in any place of a whole scene: read, or refused; what is read is read back the same."""
     path = tmp_path / "it.yaml"
@@ -267,9 +257,8 @@ def recording(tmp_path_factory):
 def test_recordings(recording, tmp_path, report):
     """Any value in any place of a recording's metadata, and data that were cut."""
     meta = json.loads((recording / "it.sigmf-meta").read_text())
-    ways = [p for p in places(meta) if p and p[:2] != ("global", "radalt:scene")] + [
-        ("global", "radalt:scene", "seed")
-    ]
+    scene = "global", "radalt:scene"
+    ways = [p for p in places(meta) if p and p[:2] != scene] + [(*scene, "seed")]
     here = tmp_path / "it.sigmf-meta"
 
     def check(changes, cut):
@@ -303,6 +292,12 @@ def spoilable(tmp_path_factory):
         measured_here(patch)
         run(Coins(), Options(folder, jobs=1))
     return {name: (folder / name).read_bytes() for name in FILES}
+
+
+def resumed(folder: Path, resume: bool) -> tuple[int, str]:
+    """Status and stderr of the command that runs or resumes the coins."""
+    options = Options(folder, resume=resume, jobs=1)
+    return ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
 
 
 def measured_here(patch) -> None:
@@ -362,11 +357,7 @@ def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
         for name, *change in changes:
             if (folder / name).is_file():
                 spoil(folder / name, *change)
-        status, error = ended(
-            lambda _: command.main(
-                Coins(), Options(folder, resume=True, jobs=1), program="coins", dry_run=False
-            )
-        )
+        status, error = resumed(folder, True)
         if status:
             assert_refused(status, error)
             return "refused"
@@ -377,7 +368,6 @@ def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
 
 
 # -- messages --------------------------------------------------------------------------------------
-
 JSON = st.recursive(
     st.none() | st.booleans() | NUMBERS | st.text(max_size=20),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
@@ -386,10 +376,7 @@ JSON = st.recursive(
 REQUESTS = st.one_of(
     st.lists(st.binary(max_size=50), max_size=3),
     st.fixed_dictionaries(
-        {
-            "version": st.just(1) | JSON,
-            "command": st.sampled_from(["get", "set", "stop", "reacquire"]) | JSON,
-        },
+        {"version": st.just(1) | JSON, "command": st.sampled_from("get set stop reacquire".split()) | JSON},
         optional={k: NUMBERS | JSON for k in ("altitude_m", "overlap", "sir_db")}
         | {"methods": st.lists(st.sampled_from(["none", "tcae"]) | st.text()) | JSON, "other": JSON},
     ).map(lambda data: [json.dumps(data).encode()]),
@@ -403,13 +390,8 @@ def test_control_messages(report):
     segmenter = SimpleNamespace(has_heard=True, status=dict, reacquire=lambda: None)
     jammer = SimpleNamespace(set_overlap=lambda x: None, set_sir_db=lambda x: None)
     scene = parse_scene({"interference": {"qpsk": {}}})
-    top = SimpleNamespace(
-        chirp_source=chirp,
-        altimeter_none=sink,
-        frame_segmenter=segmenter,
-        jammer_source=jammer,
-        stop=lambda: None,
-    )
+    top = SimpleNamespace(chirp_source=chirp, altimeter_none=sink, frame_segmenter=segmenter)
+    top.jammer_source, top.stop = jammer, lambda: None
     control = radalt.remote_control(top, scene, "", "")
 
     def check(parts):

@@ -2,36 +2,27 @@
 
 import numpy as np
 import pytest
-from frames import noise
+from frames import ALTIMETER, W, noise
 
-from radalt.core.altimeter.altimeter import Altimeter
+from radalt import Altimeter, AltitudeTracker, TrackerSettings
+from radalt.core.returns import terrain
 from radalt.core.returns.point import point_return
-from radalt.core.returns.terrain import (
-    AircraftState,
-    FlatTerrain,
-    GaussianAntenna,
-    GroundGrid,
-    TerrainReturn,
-    reflectivity,
-)
-from radalt.core.tracker.tracker import AltitudeTracker, Status, TrackerSettings
-from radalt.core.waveform import C_M_PER_S, Waveform
+from radalt.core.tracker.tracker import Status
+from radalt.core.waveform import C_M_PER_S
 
-W = Waveform()
-ALTIMETER = Altimeter(W)
 DEGREE_M = 82_700.0  # of longitude at 42 degrees north
 
 
-def over_ground(
-    seed: int, land: tuple[str, str], altitude_m: float, *, beam=40.0, roll=0.0, pitch=0.0, count=160
-):
+def over_ground(seed: int, land, altitude_m: float, *, beam=40.0, roll=0.0, pitch=0.0, count=160):
     """Outputs over flat land at 70 m/s, after the two that a track takes to begin, and their errors."""
-    antenna, grid = GaussianAntenna(beamwidth_deg=beam), GroundGrid(seed=seed)
-    radar = TerrainReturn(FlatTerrain(0.0), W, antenna=antenna, ground=reflectivity(*land), grid=grid)
+    antenna, grid = terrain.GaussianAntenna(beamwidth_deg=beam), terrain.GroundGrid(seed=seed)
+    radar = terrain.TerrainReturn(
+        terrain.FlatTerrain(0.0), W, antenna=antenna, ground=terrain.reflectivity(*land), grid=grid
+    )
     frames = np.empty((count, W.samples_per_frame), dtype=np.complex64)
     for k in range(count):
         east, velocity = -88.0 + 70.0 * k * W.sweep_s / DEGREE_M, (70.0, 0.0, 0.0)
-        state = AircraftState(k * W.sweep_s, 42.0, east, altitude_m, velocity, 90.0, pitch, roll)
+        state = terrain.AircraftState(k * W.sweep_s, 42.0, east, altitude_m, velocity, 90.0, pitch, roll)
         frames[k] = radar(state, frame_index=k).frame
     frames /= np.sqrt(np.mean(np.abs(frames) ** 2))
     received = frames + noise(np.random.default_rng(seed), count, 10.0)
@@ -69,9 +60,7 @@ def test_a_point_is_no_spread_ground(speed, snr_db):
         assert tracker.spread.find(tracker.integrator.normalise(spectra)) is None
 
 
-def two_levels(
-    rng: np.random.Generator, altitude_m: float, apart_m: float, level_db: float, count: int
-) -> np.ndarray:
+def two_levels(rng: np.random.Generator, altitude_m: float, apart_m: float, level_db: float, count: int):
     """(count, N) of two returns at rest, the farther one of a level against the nearer, their phases drawn."""
     amplitudes = np.array([1.0, 10.0 ** (level_db / 20.0)])
     turns = rng.random(2)
@@ -105,9 +94,8 @@ def test_the_moment_of_two_delays_is_that_of_their_complex_amplitudes_and_a_poin
         2j * np.pi * (0.1 - W.carrier_hz * 2.0 * np.array([altitude_m, altitude_m + 6.0]) / C_M_PER_S)
     )
     share = 0.5 * far / (near + 0.5 * far)
-    frame = point_return(W, altitude_m, phase_cycles=0.1) + 0.5 * point_return(
-        W, altitude_m + 6.0, phase_cycles=0.1
-    )
+    first, second = (point_return(W, altitude_m + m, phase_cycles=0.1) for m in (0.0, 6.0))
+    frame = first + 0.5 * second
     moments = ALTIMETER.moments(ALTIMETER.spectra(frame[None]))[0, :, 0]
     expected = np.abs(share * (1.0 - share)) * (6.0 / W.range_resolution_m) ** 2
     assert np.abs(moments) == pytest.approx(expected, rel=0.15)

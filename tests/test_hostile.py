@@ -23,7 +23,7 @@ import screenshot
 import stability
 import yaml
 from hostile import assert_line, assert_refused, ended, measure_here
-from waiting import end_of, ran
+from waiting import end_of, ran, started
 
 import bench
 from radalt.bench.rows import read_rows
@@ -98,8 +98,6 @@ def test_what_is_no_small_regular_file_is_refused_before_it_is_read(make, messag
         assert message.lower() in str(caught.value).lower()
         assert_line(str(caught.value))
 
-
-# -- the command line -------------------------------------------------------------------------------
 
 HOSTILE_NUMBERS = ("abc", "", "nan", "-1e308", "1" * 20, "9" * 5000, "\0")
 
@@ -201,10 +199,7 @@ def test_hostile_line_of_every_other_command_gets_one_line(module, tmp_path, mon
 @pytest.mark.parametrize("after_s", [0.05, 0.8])
 def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
     """Whatever is being imported or computed just then."""
-    process = subprocess.Popen(
-        [sys.executable, str(ROOT / "flowgraphs/ota_eval.py"), "--sim", "--plan"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = started(sys.executable, ROOT / "flowgraphs/ota_eval.py", "--sim", "--plan", cwd=tmp_path)
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
     _, error = end_of(process)
@@ -214,8 +209,6 @@ def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
         # 1 comes from Python's own start: a module of `site` was being imported, and it says so in its words
         assert process.returncode in (0, 130, -signal.SIGINT)
 
-
-# -- code of others ---------------------------------------------------------------------------------
 
 FOREIGN = {
     "loop": ("while True: pass", "within 1 s; is there a loop without end"),
@@ -271,9 +264,6 @@ def test_hostile_network_is_refused(tmp_path):
         assert_line(str(caught.value))
 
 
-# -- a disk that is full, or may not be written -----------------------------------------------------
-
-
 def in_a_namespace(script: str, *arguments: object) -> subprocess.CompletedProcess:
     """Run a shell script that may mount what nobody else sees; skips where the machine does not allow that."""
     done = ran("unshare", "-rm", "sh", "-c", script, "sh", *arguments, limit_s=100)
@@ -286,17 +276,13 @@ def in_a_namespace(script: str, *arguments: object) -> subprocess.CompletedProce
 SMALL_DISK = """
 import subprocess, sys
 sys.path[:0] = {path!r}
-from hostile import assert_refused, ended
-from test_engine import Coins, Options, Path, command, rows_of, run
-from test_fuzz import measured_here
+from hostile import assert_refused
+from test_engine import Coins, Options, Path, rows_of, run
+from test_fuzz import measured_here, resumed
 import pytest
 patch = pytest.MonkeyPatch()
 measured_here(patch)
 disk, whole = Path(sys.argv[1]), Path(sys.argv[2])
-
-def resumed(folder, resume):
-    options = Options(folder, resume=resume, jobs=1)
-    return ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
 
 def mount(*options):
     subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True, timeout=120)
@@ -331,9 +317,6 @@ def test_a_disk_full_or_read_only_is_one_line_and_nothing_is_lost(tmp_path):
     script = f'mount -t tmpfs radalt {disk} && umount {disk} || exit 77; exec {sys.executable} {program} "$@"'
     done = in_a_namespace(script, disk, tmp_path / "whole")
     assert (done.returncode, done.stderr) == (0, "")
-
-
-# -- files that change under a run ------------------------------------------------------------------
 
 
 def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch, undrawn):

@@ -2,18 +2,16 @@
 
 import numpy as np
 import pytest
-from frames import returns, right
+from frames import W, returns, right
 from scipy import fft, signal
 
-from radalt.core.altimeter.altimeter import Altimeter
+from radalt import Altimeter
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import create
-from radalt.core.waveform import Waveform
 
-W = Waveform()
 N, RATE_HZ = W.samples_per_frame, W.rate_hz
 NR10 = NrEmitter(channel_bandwidth_hz=10e6, seed=3, frame_count=2)
 
@@ -116,9 +114,7 @@ def test_an_emitter_that_appears_later_is_found():
 def test_the_network_gains_on_the_error_vectors_that_a_cancelled_frame_keeps():
     """Error vectors of 17.5 %, as TS 38.104 allows QPSK, are 15 dB below it, and as narrow."""
     altitude_m, frames = independent([QpskReceivedEmitter(evm=0.175)], -43.0, 20, 8)
-    pd = {
-        name: right(create(name, W).process(frames), altitude_m) for name in ("tcae", "qpsk_cancel", "hybrid")
-    }
+    pd = {m: right(create(m, W).process(frames), altitude_m) for m in ("tcae", "qpsk_cancel", "hybrid")}
     assert pd["hybrid"] > max(pd["tcae"], pd["qpsk_cancel"]) + 0.2
 
 

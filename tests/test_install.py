@@ -19,10 +19,7 @@ def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
 
 
 def source_files(folder: Path, pattern: str = "*") -> set[str]:
-    """Paths below folder, relative to it, of what an install has to bring along.
-
-    What the companion generated from a flowgraph next to it is none of that.
-    """
+    """Relative paths below folder that an install brings along: nothing that the companion generated next to them."""
     found = (file.relative_to(folder) for file in folder.rglob(pattern) if file.is_file())
     made = tuple(flowgraph.stem for flowgraph in folder.glob("*.grc"))
     return {
@@ -109,9 +106,7 @@ def test_installed_module_imports_with_every_block_and_the_core(root, cache, pac
     init, core, version, *blocks = lines
     assert [Path(init), Path(core)] == [package / "__init__.py", package / "core/__init__.py"]
     assert version == cache["CMAKE_PROJECT_VERSION"]
-    assert set(" ".join(blocks).split()) == {
-        file.stem for file in (root / "python/radalt/blocks").glob("[!_]*.py")
-    }
+    assert set(" ".join(blocks).split()) == {f.stem for f in (root / "python/radalt/blocks").glob("[!_]*.py")}
 
 
 def test_every_block_imports_in_the_python_of_the_companion(cache, package, environment, tmp_path):
@@ -142,10 +137,7 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
     assert ".venv" not in shown
     done = ran(radalt, "nonsense", cwd=tmp_path, env=kept)
-    assert (done.returncode, done.stderr.count("\n")) == (
-        2,
-        1,
-    ) and ", collect, control, eval, " in done.stderr
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1) and " collect, control, eval, " in done.stderr
 
 
 def test_command_says_what_is_missing_or_runs(prefix, tmp_path):

@@ -34,21 +34,15 @@ def db(ratio: float) -> float:
     return 10 * np.log10(ratio)
 
 
-# -- placement: SIR and overlap ---------------------------------------------------------------------------------------
-
-
 def test_shorter_burst_of_the_same_sir_is_stronger_while_it_lasts():
-    long, short = (
-        interference_frame(Interferer(QpskEmitter(), -10.0, rho), N, RATE_HZ, rng()) for rho in (1.0, 0.1)
-    )
+    bursts = (Interferer(QpskEmitter(), -10.0, rho) for rho in (1.0, 0.1))
+    long, short = (interference_frame(burst, N, RATE_HZ, rng()) for burst in bursts)
     assert db(np.max(np.abs(short)) ** 2 / np.max(np.abs(long)) ** 2) == pytest.approx(10.0, abs=0.01)
 
 
 def test_burst_starts_anywhere_it_fits_or_where_it_is_told():
-    first = [
-        np.flatnonzero(interference_frame(Interferer(QpskEmitter(), 0.0, 0.4), N, RATE_HZ, rng(s)))[0]
-        for s in range(400)
-    ]
+    burst = Interferer(QpskEmitter(), 0.0, 0.4)
+    first = [np.flatnonzero(interference_frame(burst, N, RATE_HZ, rng(s)))[0] for s in range(400)]
     assert 0 <= min(first) < 100 and 4400 < max(first) <= 4500
     assert np.mean(first) == pytest.approx(2250, abs=4 * 4500 / np.sqrt(12 * 400))
     for start, expected in ((0.0, 0), (0.25, 1875), (1.0, 4500)):
@@ -67,9 +61,6 @@ def test_sum_of_interferers_has_the_sum_of_their_powers_or_the_total_that_is_ask
     total = interference_frames(parts, 5, N, RATE_HZ, rng(), total_sir_db=-20.0)
     np.testing.assert_allclose(db(np.mean(np.abs(total) ** 2, axis=1)), 20.0, atol=0.01)
     assert not interference_frames([], 2, N, RATE_HZ, rng(), total_sir_db=-20.0).any()
-
-
-# -- spectra ----------------------------------------------------------------------------------------------------------
 
 
 def spectrum(samples: np.ndarray, cells: int = 1024) -> tuple[np.ndarray, np.ndarray]:
@@ -146,9 +137,6 @@ def test_random_tones_stay_in_their_span():
     assert density[np.abs(frequency) < 0.52e6].sum() / density.sum() > 0.999
     assert density[np.abs(frequency) > 0.4e6].max() > 0  # and reach its edges
     assert np.unique(ToneEmitter(2).samples(10, RATE_HZ, rng(1))).size == 10
-
-
-# -- streams ----------------------------------------------------------------------------------------------------------
 
 
 class Silent:

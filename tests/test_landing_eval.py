@@ -1,9 +1,9 @@
 """The landing study end to end: rows by seed alone, resumable, any flight, physics that must hold."""
 
 import csv
-import dataclasses
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,10 @@ import pytest
 from hostile import assert_refused, ended
 from pages import assert_whole
 
-from radalt.core.altimeter.altimeter import AltimeterSettings
+from radalt import AltimeterSettings, Waveform, load_scene
 from radalt.core.returns.landing import LandingSpec
-from radalt.core.scene import load_scene, parse_scene
+from radalt.core.scene import parse_scene
 from radalt.core.scene.build import segmenter_of
-from radalt.core.waveform import Waveform
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA
 from radalt.evaluation.results.score import accuracy_limit_m
@@ -50,7 +49,7 @@ def small(tmp_path, root):
 
 def _config(root, **changes):
     config = landing.parse_config({}, folder=str(root / "flowgraphs" / "landing"))
-    return dataclasses.replace(config, **{"methods": ("none",), **changes})
+    return replace(config, **{"methods": ("none",), **changes})
 
 
 def _rows(path):
@@ -84,7 +83,7 @@ def test_a_run_writes_its_folder(small, tmp_path, measured_here, undrawn):
 
 @pytest.mark.parametrize("name", ["landing_terrain", "leakage"])
 def test_a_scene_states_the_content_of_its_files_wherever_they_lie(name, tmp_path):
-    study = OverlapStudy(dataclasses.replace(load_scene(name), methods=("none",)))
+    study = OverlapStudy(replace(load_scene(name), methods=("none",)))
     copies = {}
     for k, (file, path) in enumerate(study.files().items()):
         copies[file] = tmp_path / f"{k}{path.suffix}"
@@ -104,9 +103,8 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measure
     rows = ["time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude"]
     for k in range(25):
         altitude = round((560.0 - 13.3 * k) / 7.62) * 7.62 - 34.0
-        rows.append(
-            f"{1700000000 + 5 * k},abc123,41.9662,{-88.04 + 0.0043 * k:.4f},71,90,-3,false,,{altitude:.2f}"
-        )
+        longitude = -88.04 + 0.0043 * k
+        rows.append(f"{1700000000 + 5 * k},abc123,41.9662,{longitude:.4f},71,90,-3,false,,{altitude:.2f}")
     rows.append("1700000125,abc123,41.9662,-87.93,60,90,0,true,,")
     path = tmp_path / "adsb.csv"
     path.write_text("\n".join(rows) + "\n")
@@ -146,9 +144,8 @@ WEST = {"trajectory": {"end_s": 76.0}, "terrain": {"files": ["flat_n41w089.dt0"]
 @pytest.mark.parametrize("way", [["--plan"], ["--out", "run"]])
 def test_a_footprint_that_leaves_the_terrain_is_one_line_from_the_plan_on(tmp_path, monkeypatch, way):
     monkeypatch.chdir(tmp_path)
-    Path("west.yaml").write_text(
-        f"{{return: terrain, altitude: {{frames: 1, landing_frames: 40}}, landing: {json.dumps(WEST)}}}"
-    )
+    altitude = {"frames": 1, "landing_frames": 40}
+    Path("west.yaml").write_text(json.dumps({"return": "terrain", "altitude": altitude, "landing": WEST}))
     status, error = ended(ota_eval.main, "--sim", "--scene", "west.yaml", "--methods", "none", *way)
     assert_refused(status, error)
     assert "terrain does not cover 41.9" in error and not Path("run").exists()
@@ -175,14 +172,10 @@ def test_frames_have_the_sir_and_sinr_they_state(root):
 def test_doppler_cancels_in_altitude_and_shows_as_vertical_speed(root):
     """A point descending at 3.8 m/s: same altitude as at rest, right vertical speed."""
     config = _config(root, snr_db=30.0, point_target=True, altimeter=AltimeterSettings())
-    truth = landing_points.approach_frames(
-        dataclasses.replace(config, approach=landing.ApproachSpec(12)), 0, 12
-    )
+    truth = landing_points.approach_frames(replace(config, approach=landing.ApproachSpec(12)), 0, 12)
     results, _ = landing_points.altitudes(config, truth.frames, "none")
-    still = dataclasses.replace(config, doppler=False)
-    flat = landing_points.approach_frames(
-        dataclasses.replace(still, approach=landing.ApproachSpec(12)), 0, 12
-    )
+    still = replace(config, doppler=False)
+    flat = landing_points.approach_frames(replace(still, approach=landing.ApproachSpec(12)), 0, 12)
     at_rest, _ = landing_points.altitudes(still, flat.frames, "none")
     assert results["valid"].all()
     assert results["altitude_m"] == pytest.approx(at_rest["altitude_m"], abs=0.5)

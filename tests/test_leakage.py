@@ -1,21 +1,21 @@
 """The transmitter's own leakage: subtracted as calibrated, timing held on it, never taken for the ground."""
 
-import dataclasses
 import re
+from dataclasses import replace
 
 import numpy as np
 import pmt
 import pytest
-from frames import noise
+from frames import N, W, measured, noise
 
+from radalt import AltimeterSettings, AltitudeTracker, TrackerSettings, Waveform, load_scene
 from radalt.blocks.frame_segmenter import frame_segmenter
-from radalt.core.altimeter.altimeter import AltimeterSettings, shared_altimeter
-from radalt.core.channel.settings import ChannelSettings
+from radalt.core.altimeter.altimeter import shared_altimeter
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.parsing import InputError
 from radalt.core.programme import Programme
 from radalt.core.returns.point import point_return
-from radalt.core.scene import SceneError, load_scene, parse_scene
+from radalt.core.scene import SceneError, parse_scene
 from radalt.core.timing.leakage import (
     FITTED_ABOVE_M,
     LEARN_ABOVE_M,
@@ -27,14 +27,13 @@ from radalt.core.timing.leakage import (
 )
 from radalt.core.timing.leakage_file import leakage_canceller, load_leakage, store_leakage
 from radalt.core.timing.segmenter import FrameSegmenter
-from radalt.core.tracker.tracker import AltitudeTracker, Status, TrackerSettings
-from radalt.core.waveform import Waveform, altitude_to_delay_s, exp_cycles
+from radalt.core.tracker.tracker import Status
+from radalt.core.waveform import altitude_to_delay_s, exp_cycles
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.overlap.report import build_report
 from radalt.evaluation.radios.leakage_calibration import calibrate_leakage
 
-W = Waveform()
-N = W.samples_per_frame
+SCENE = load_scene("leakage")
 NOTHING = LeakageCalibration(W, np.zeros((2, 6), dtype=complex))
 
 
@@ -46,18 +45,17 @@ def power_db(x: np.ndarray) -> float:
     return float(10.0 * np.log10(np.mean(np.abs(x) ** 2)))
 
 
+def known(leakage: np.ndarray) -> LeakageCanceller:
+    """Calibrated without noise."""
+    return LeakageCanceller(LeakageCalibration.measured(W, np.tile(leakage, (20, 1))))
+
+
 def calibrated(leakage: np.ndarray, snr_db: float = 10.0, frames: int = 400) -> LeakageCanceller:
     rng = np.random.default_rng(9)
-    parts = [
-        LeakageCalibration.measured(W, leakage + noise(rng, 40, snr_db)).coefficients
-        for _ in range(frames // 40)
-    ]
-    return LeakageCanceller(LeakageCalibration(W, np.mean(parts, axis=0)))
+    return LeakageCanceller(LeakageCalibration.measured(W, leakage + noise(rng, frames, snr_db)))
 
 
 # -- the shapes -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("offset_samples", [0.0, 0.37])
 def test_six_shapes_per_half_sweep_hold_every_delay_within_reach(offset_samples):
     canceller = LeakageCanceller.uncalibrated(W)
@@ -73,8 +71,7 @@ def test_frames_are_right_beside_40_db_of_leakage_and_20_db_of_landing_gear(spee
     rng = np.random.default_rng(1)
     leakage = line(40.0, 1.0) + line(20.0, 4.5)
     altitude_m = np.repeat([10.0, 30.0, 100.0, 300.0, 1000.0], 8)
-    speeds, phases = np.full(40, speed), rng.random(40)
-    ground = point_return(W, altitude_m, vertical_speed_m_per_s=speeds, phase_cycles=phases)
+    ground = point_return(W, altitude_m, vertical_speed_m_per_s=speed, phase_cycles=rng.random(40))
     received = ground + leakage + noise(rng, 40, -10.0)
     altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0))
 
@@ -108,8 +105,6 @@ def test_a_sweep_whose_phase_runs_on_is_followed_from_frame_to_frame():
 
 
 # -- learning ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("normal", "altitude_m", "level_m", "speed", "may"),
     [
@@ -122,9 +117,7 @@ def test_a_sweep_whose_phase_runs_on_is_followed_from_frame_to_frame():
         (False, np.nan, np.nan, np.nan, False),
     ],
 )
-def test_leakage_is_learned_only_where_a_track_holds_the_ground_above_60_m(
-    normal, altitude_m, level_m, speed, may
-):
+def test_leakage_is_learned_only_where_a_track_is_above_60_m(normal, altitude_m, level_m, speed, may):
     assert (LEARN_ABOVE_M, FITTED_ABOVE_M) == (60.0, 100.0)
     assert ground_is_apart(normal, altitude_m, level_m, speed) is may
 
@@ -205,17 +198,17 @@ def test_what_is_left_of_a_leakage_whose_phase_has_changed(amount_rad):
 
 
 # -- timing -----------------------------------------------------------------------------------------------------------
-
-
 def run(
     canceller: LeakageCanceller | None,
-    channel: ChannelSettings,
+    level_db: float,
+    gear_db: float | None,
     altitudes_m: tuple[float, ...],
     seed: int,
     lost: tuple[int, int] = (0, 0),
 ) -> tuple[np.ndarray, np.ndarray, FrameSegmenter]:
     """(n,) altitudes and true ones of the trials; ``lost``: a block, and samples missing from it without a tag."""
     programme = Programme(altitudes_m, 16)
+    channel = replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
     source = SimulatedChannel(W, channel, seed=seed, true_delay=programme, frames=programme.total_frames + 3)
     segmenter = FrameSegmenter(W, programme, true_delay=True, leakage=canceller)
     stream = []
@@ -230,13 +223,10 @@ def run(
     if not frames:
         return np.zeros(0), np.zeros(0), segmenter
     altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0))
-    found = altimeter.process(
-        np.stack([f.samples for f in frames]), timing_offset_s=np.array([f.offset_s for f in frames])
-    )
-    return found["altitude_m"], programme.altitude_m(np.array([f.index for f in frames])), segmenter
+    found = measured(frames, altimeter)
+    return found["altitude_m"], programme.altitude_m(found["frame_index"]), segmenter
 
 
-SCENE = load_scene("leakage")
 LEVELS = [(0.0, None), (10.0, None), (40.0, 20.0)]
 
 
@@ -245,17 +235,15 @@ def cancellers():
     """By level: made by the same steps as the shipped calibration, 100 frames each."""
     out = {}
     for level_db, gear_db in LEVELS:
-        channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
-        out[level_db] = calibrate_leakage(dataclasses.replace(SCENE, channel=channel, seed=77), 100)
+        channel = replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
+        out[level_db] = calibrate_leakage(replace(SCENE, channel=channel, seed=77), 100)
     return out
 
 
 @pytest.mark.parametrize(("level_db", "gear_db"), LEVELS)
 def test_frames_through_the_channel_are_right_from_3_m_to_1000_m(cancellers, level_db, gear_db):
-    channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
-    found, truth, segmenter = run(
-        LeakageCanceller(cancellers[level_db]), channel, (1000.0, 100.0, 20.0, 3.0), 5
-    )
+    canceller, altitudes_m = LeakageCanceller(cancellers[level_db]), (1000.0, 100.0, 20.0, 3.0)
+    found, truth, segmenter = run(canceller, level_db, gear_db, altitudes_m, 5)
     assert found.size == 64 and segmenter.timing_verified
     assert np.max(np.abs(found - truth)) < 1.5  # NaN would fail as well
 
@@ -265,15 +253,12 @@ def test_no_altitude_near_the_ground_is_taken_for_a_loss(level_db):
     """There the return merges with the leakage, and no sample separates them."""
     rng = np.random.default_rng(7)
     leakage, altitudes_m = line(level_db, 1.0), (2.0, 4.0, 5.0, 8.5, 13.0, 21.0, 33.0, 60.0)
-    canceller = LeakageCanceller(LeakageCalibration.measured(W, np.tile(leakage, (20, 1))))
     programme = Programme(altitudes_m, 3)
-    flown = [programme.altitude_m(k) for k in range(programme.total_frames)]
-    trial = programme.is_trial(np.arange(programme.total_frames))
-    frames = [
-        leakage + t * point_return(W, a) + noise(rng, 1, 10.0)[0] for a, t in zip(flown, trial, strict=True)
-    ]
-    segmenter = FrameSegmenter(W, programme, true_delay=True, leakage=canceller)
-    segmenter.push(np.concatenate(frames).astype(np.complex64))
+    index = np.arange(programme.total_frames)
+    ground = programme.is_trial(index)[:, None] * point_return(W, programme.altitude_m(index))
+    frames = leakage + ground + noise(rng, index.size, 10.0)
+    segmenter = FrameSegmenter(W, programme, true_delay=True, leakage=known(leakage))
+    segmenter.push(frames.ravel().astype(np.complex64))
     assert segmenter.counters["lock_losses"] == 0 and segmenter.counters["frames"] >= 28
 
 
@@ -282,23 +267,20 @@ def test_no_altitude_near_the_ground_is_taken_for_a_loss(level_db):
     [*((*LEVELS[1], lost) for lost in (1, 7499, 2000)), (*LEVELS[0], 1), (*LEVELS[2], 1)],
 )
 def test_lost_samples_end_the_lock_and_no_altitude_is_wrong(cancellers, level_db, gear_db, lost):
-    channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
     for altitude_m in (10.0, 300.0):
-        found, truth, segmenter = run(
-            LeakageCanceller(cancellers[level_db]), channel, (altitude_m,), 3, (15, lost)
-        )
+        canceller = LeakageCanceller(cancellers[level_db])
+        found, truth, segmenter = run(canceller, level_db, gear_db, (altitude_m,), 3, (15, lost))
         assert segmenter.counters["lock_losses"] == 1
         assert found.size >= 4 and not np.any(np.abs(found - truth) > 5.0)
 
 
 @pytest.mark.parametrize("level_db", [20.0, 40.0])
 def test_without_a_calibration_frames_above_100_m_come_through_and_losses_are_noticed(level_db):
-    channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=None)
     fitted = LeakageCanceller.uncalibrated(W)
-    found, truth, segmenter = run(fitted, channel, (600.0, 150.0), 6)
+    found, truth, segmenter = run(fitted, level_db, None, (600.0, 150.0), 6)
     assert found.size == 32 and segmenter.counters["lock_losses"] == 0
     assert np.max(np.abs(found - truth)) < 2.0  # the leakage's path of 1 m among it
-    found, truth, segmenter = run(fitted, channel, (300.0,), 6, (15, 700))
+    found, truth, segmenter = run(fitted, level_db, None, (300.0,), 6, (15, 700))
     assert segmenter.counters["lock_losses"] == 1 and not np.any(np.abs(found - truth) > 5.0)
 
 
@@ -306,8 +288,7 @@ def test_without_a_calibration_frames_above_100_m_come_through_and_losses_are_no
 def test_leakage_is_located_by_what_the_ground_cannot_be_if_that_is_enough(level_db, ground_m):
     """A metre from it the ground can be nearly all of it, and is weaker; 8 m off it can be some, and is as strong."""
     leakage = line(level_db, 1.0)
-    known = LeakageCanceller(LeakageCalibration.measured(W, np.tile(leakage, (20, 1))))
-    timing = FrameSegmenter(W, None, true_delay=True, leakage=known)._leakage
+    timing = FrameSegmenter(W, None, true_delay=True, leakage=known(leakage))._leakage
     ground = point_return(W, np.full(6, ground_m), phase_cycles=np.arange(6) / 6)
     frames = np.roll(leakage + ground + noise(np.random.default_rng(1), 6, 10.0), 3, axis=1)
     assert [timing.slip(frame, 0, (ground_m, 0.0)) for frame in frames] == [3.0] * 6
@@ -323,8 +304,7 @@ def test_leakage_a_sample_off_its_place_does_not_verify_the_timing_of_a_narrow_s
 
 
 def test_a_return_is_no_leakage_to_take_timing_on():
-    canceller = LeakageCanceller(LeakageCalibration.measured(W, np.tile(line(0.0, 1.0), (20, 1))))
-    segmenter = FrameSegmenter(W, None, true_delay=True, leakage=canceller)
+    segmenter = FrameSegmenter(W, None, true_delay=True, leakage=known(line(0.0, 1.0)))
     rng = np.random.default_rng(2)
     ground = point_return(W, 150.0, phase_cycles=0.3) * 3.0
     assert segmenter.push((ground + noise(rng, 12, 20.0)).reshape(-1)) == []
@@ -340,8 +320,6 @@ def test_with_a_beat_shift_leakage_is_off_and_the_reason_is_said():
 
 
 # -- without a calibration --------------------------------------------------------------------------------------------
-
-
 def tracked(
     altitude_m: float,
     leakage: np.ndarray,
@@ -357,8 +335,7 @@ def tracked(
     tracker, out = AltitudeTracker(altimeter, settings), []
     for block in range(blocks):
         at = altitude_m + speed * 1e-3 * (np.arange(40) + 40 * block)
-        ground = point_return(W, at, vertical_speed_m_per_s=np.full(40, speed))
-        frames = ground + leakage + noise(rng, 40, 10.0)
+        frames = point_return(W, at, vertical_speed_m_per_s=speed) + leakage + noise(rng, 40, 10.0)
         out.append(tracker.process(altimeter.spectra(canceller.subtract(frames) if canceller else frames)))
     ends = altitude_m + speed * 1e-3 * (40 * np.arange(1, blocks + 1) - 0.5)
     return np.concatenate(out), ends
@@ -370,8 +347,8 @@ def tracked(
 )
 def test_neither_leakage_nor_landing_gear_is_an_altitude(altitude_m, level_db, distance_m):
     leakage = line(level_db, distance_m)
-    known = TrackerSettings(leakage_m=0.0)  # as if nothing stood there but ground
-    before, truth = tracked(altitude_m, leakage, known)
+    # as if nothing stood there but ground
+    before, truth = tracked(altitude_m, leakage, TrackerSettings(leakage_m=0.0))
     assert np.sum(np.abs(before["altitude_m"] - truth) > 5.0) >= 5
     out, _ = tracked(altitude_m, leakage, TrackerSettings())
     assert not np.any(out["status"] == Status.NORMAL)
@@ -381,9 +358,8 @@ def test_neither_leakage_nor_landing_gear_is_an_altitude(altitude_m, level_db, d
 def test_leakage_that_is_fitted_leaves_altitudes_above_100_m_and_none_below(level_db):
     fitted = LeakageCanceller.uncalibrated(W)
     for altitude_m, some in ((110.0, True), (80.0, False), (40.0, False)):
-        out, truth = tracked(
-            altitude_m, line(level_db, 1.0), TrackerSettings(), fitted, speed=-2.0, min_altitude_m=100.0
-        )
+        slow = {"speed": -2.0, "min_altitude_m": 100.0}
+        out, truth = tracked(altitude_m, line(level_db, 1.0), TrackerSettings(), fitted, **slow)
         normal = out["status"] == Status.NORMAL
         assert normal.sum() >= 4 if some else not normal.any()
         assert not np.any(np.abs(out["altitude_m"] - truth)[normal] > 1.0)
@@ -408,11 +384,9 @@ def test_a_scene_says_where_a_track_may_start():
 
 
 # -- calibrations -----------------------------------------------------------------------------------------------------
-
-
 def test_the_shipped_calibration_is_what_its_command_measures():
     shipped = load_leakage("leakage", W)
-    again = calibrate_leakage(dataclasses.replace(SCENE, seed=SCENE.seed), 60)
+    again = calibrate_leakage(SCENE, 60)
     apart = np.sum(np.abs(again.coefficients - shipped.coefficients) ** 2)
     assert apart < 1e-4 * np.sum(np.abs(shipped.coefficients) ** 2)
     assert again.installation_delay_m == pytest.approx(shipped.installation_delay_m, abs=0.1)
@@ -429,16 +403,12 @@ def test_installation_delay_is_calibrated_and_subtracted():
     flown = [leakage + ground + noise(rng, 1, 20.0)[0] for _ in range(8)]
     segmenter = FrameSegmenter(W, None, true_delay=True, leakage=LeakageCanceller(found))
     frames = segmenter.push(np.concatenate([np.zeros(500, np.complex64), *alone, *flown]))[-4:]
-    altitude_m = shared_altimeter(W, AltimeterSettings()).process(
-        np.stack([f.samples for f in frames]), timing_offset_s=np.array([f.offset_s for f in frames])
-    )["altitude_m"]
-    np.testing.assert_allclose(altitude_m, 50.0, atol=0.5)
+    np.testing.assert_allclose(measured(frames)["altitude_m"], 50.0, atol=0.5)
 
 
 def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path):
     found = LeakageCalibration.measured(W, np.tile(line(30.0, 1.0), (20, 1)))
-    found = dataclasses.replace(found, installation_delay_m=-0.97)
-    path = store_leakage(found, tmp_path / "new" / "mine.yaml")
+    path = store_leakage(replace(found, installation_delay_m=-0.97), tmp_path / "new" / "mine.yaml")
     again = load_leakage(path, W)
     assert again.installation_delay_m == -0.97
     np.testing.assert_allclose(again.coefficients, found.coefficients, rtol=1e-5)

@@ -10,29 +10,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from frames import white
+from frames import N, W, white
 from gnuradio import blocks, gr, radalt
 from PIL import Image
 from waiting import patient, ran_python
 
-from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
+from radalt import Altimeter, AltimeterSettings, load_scene
+from radalt.core.altimeter.altimeter import RESULT_DTYPE
 from radalt.core.mitigation import METHODS, create
 from radalt.core.returns.point import point_return
-from radalt.core.scene import load_scene, parse_scene
+from radalt.core.scene import parse_scene
 from radalt.core.scene.live import RangeProfile, by_hand
-from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.live import StatusLine
 from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.watch import run_to_end
 
 SHIPPED_METHODS = frozenset(METHODS)  # before any test registers one of its own
 ROOT = Path(__file__).resolve().parent.parent
-W = Waveform()
-N = W.samples_per_frame
 LEVEL = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
-
-
-# -- range profile ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("altitude_m", [30.0, 299.5, 750.0, 1400.0])
@@ -75,9 +70,6 @@ def test_profile_exceeds_the_threshold_where_the_altimeter_detects():
     assert crossed[3::4].all() and not crossed[0::4].all()
 
 
-# -- by hand ----------------------------------------------------------------------------------------------------------
-
-
 def test_altitude_by_hand_starts_after_the_preamble():
     """Timing is taken at altitude zero: an altitude set from the start must not shift it."""
     scene = by_hand(load_scene("paper_qpsk"))
@@ -114,12 +106,9 @@ def test_every_shipped_scene_can_be_driven_by_hand(path):
 
 
 def test_method_is_exchanged_between_frames(monkeypatch):
-    # no flowgraph, no tags
-    monkeypatch.setattr("radalt.blocks._mitigation.read_quality", lambda block, count: None)
+    monkeypatch.setattr("radalt.blocks._mitigation.read_quality", lambda block, count: None)  # no tags
     scene = load_scene("paper_qpsk")
-    frames = (point_return(W, np.full(4, 300.0)) + 2.0 * white(np.random.default_rng(1), 4)).astype(
-        np.complex64
-    )
+    frames = (point_return(W, [300.0] * 4) + 2.0 * white(np.random.default_rng(1), 4)).astype(np.complex64)
     block = radalt.mitigation(scene, "whitening")
     out = np.empty_like(frames)
     block.work([frames[:2]], [out[:2]])
@@ -143,9 +132,6 @@ def test_simulated_radios_keep_to_the_sample_rate(monkeypatch):
     top.connect(source, channel, blocks.null_sink(gr.sizeof_gr_complex))
     run_to_end(top, time_limit_s=patient(60))
     assert 0.8 * 50 * W.sweep_s < now[0] - 100.0 <= 50 * W.sweep_s
-
-
-# -- the whole view ---------------------------------------------------------------------------------------------------
 
 
 def run(*command: object) -> str:
@@ -180,10 +166,7 @@ def test_controls_work_while_it_runs(view):
 
 
 def test_button_takes_timing_anew_at_altitude_zero(view):
-    """The bare command takes 700 m for zero; the segmenter knows what is sent and gives no frame of that timing.
-
-    The button sends zero, commands, and goes back to 700 m.
-    """
+    """The bare command takes 700 m for zero: no frame of that timing. The button sends zero first, then 700 m again."""
     assert view["mistimed"]["timing"] == "lost"
     assert view["reacquired"] | found(700.0) == view["reacquired"]
     assert "reacquire: timing taken anew" in view["printed"]
@@ -224,9 +207,8 @@ def test_status_names_who_measures_nothing():
     def altimeter(valid, altitude_m):
         results = np.zeros(1000, dtype=RESULT_DTYPE)
         results["valid"], results["altitude_m"] = valid, altitude_m
-        return SimpleNamespace(
-            latest=lambda count: (results, np.full(1000, 300.0)), line="NORMAL  300.0 m +/- 2.0 m"
-        )
+        truth_m = np.full(1000, 300.0)
+        return SimpleNamespace(latest=lambda count: (results, truth_m), line="NORMAL  300.0 m +/- 2.0 m")
 
     clock = iter((10.0, 12.0))
     counters = dict(state="locked", locked=True, timing_verified=True, lost_samples=7, dropped_slow=0)

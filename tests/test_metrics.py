@@ -1,6 +1,6 @@
 """Pd, its interval and errors against independent statistics; points and seeds of a sweep."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,10 +42,6 @@ def test_wilson_covers_the_truth_in_about_95_percent_of_experiments():
         counts = np.arange(151)
         held = [low <= p <= high for low, high in (wilson_interval(int(k), 150) for k in counts)]
         assert 0.92 < stats.binom.pmf(counts, 150, p)[held].sum() < 0.98
-
-
-def test_wilson_without_trials_says_nothing():
-    assert wilson_interval(0, 0) == (0.0, 1.0)
 
 
 def test_a_missing_detection_counts_against_pd_but_not_against_detected_errors():
@@ -116,7 +112,7 @@ def test_pooled_rows_equal_the_score_of_all_trials_together():
     whole = score(everything, programme)
     halves, at = [], OverlapPoint.at(0.5, -10, 10)
     for part in (everything[:13], everything[13:]):
-        s = dataclasses.replace(score(part, programme), frames_lost=0)
+        s = replace(score(part, programme), frames_lost=0)
         timing = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
         halves.append(make_row("none", "x", at, 1, s.row(), diverged_frames=0, segmenter={}, **timing))
     pooled = pool(halves)
@@ -137,9 +133,7 @@ def test_axis_accepts_lists_and_inclusive_spans():
 
 
 def scene_with(**sweep):
-    return Scene(
-        interference=(Interferer(QpskEmitter(), sir_db=-20.0, overlap=0.5),), sweep=SweepSpec(**sweep)
-    )
+    return Scene(interference=(Interferer(QpskEmitter(), -20.0, 0.5),), sweep=SweepSpec(**sweep))
 
 
 def test_points_are_every_overlap_at_every_sir():
@@ -157,9 +151,7 @@ def test_seeds_differ_between_points_and_depend_on_nothing_else():
     assert len(set(seeds)) == len(seeds)
     assert all(0 <= seed < 2**31 for seed in seeds)
     assert point_seed(1, OverlapPoint.at(0.1, -10.0, 0.0)) == seeds[0]
-
-
-def test_without_interference_the_sir_makes_no_difference():
+    # without interference the SIR makes no difference
     assert point_seed(3, OverlapPoint.at(0.0, -10.0, 10.0)) == point_seed(3, OverlapPoint.at(0.0, None, 10.0))
 
 

@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from frames import white
+from frames import ALTIMETER, W, white
 
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt import Altimeter, AltimeterSettings, Waveform
+from radalt.core.altimeter.altimeter import Reason
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.mitigation import METHODS, MitigationError, create
 from radalt.core.returns.point import point_return
-from radalt.core.waveform import Waveform
 
-W = Waveform()
-ALTIMETER = Altimeter(W)
 CLASSICAL = [name for name, method in METHODS.items() if not method.runs_network]
 
 
@@ -39,8 +37,6 @@ def pd(name: str, interferer: Interferer | None, count: int = 200, seed: int = 1
 
 
 # -- what each method reaches -----------------------------------------------------------------------------------------
-
-
 def test_no_mitigation_breaks_between_22_and_30_db():
     """Dechirping alone compresses by some 36 dB."""
     rates = {sir: pd("none", Interferer(QpskEmitter(), sir)) for sir in (-22.0, -30.0)}
@@ -78,11 +74,7 @@ def test_blanking_excises_the_burst_and_passes_the_rest_of_the_frame():
 
 
 # -- the time-frequency plane, before and after dechirping -------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "options"), [("stft_cfar", {}), ("stft_cfar", {"fill": "burg"}), ("imat", {})], ids=str
-)
+@pytest.mark.parametrize("name, options", [("stft_cfar", {}), ("stft_cfar", {"fill": "burg"}), ("imat", {})])
 def test_excision_after_dechirping_removes_a_crossing_and_a_burst_and_nothing_else(name, options):
     """A tone crosses the beat band in 20 us; a burst is short in every bin. Without either, noise alone is cut."""
     method = create(name, W, **options)
@@ -109,8 +101,6 @@ def test_weights_and_zero_phase_prediction_declare_where_whitening_does_not(name
 
 
 # -- linear prediction ------------------------------------------------------------------------------------------------
-
-
 def forced(name: str, interferer: Interferer, count: int = 100, seed: int = 21) -> float:
     """Share within 5 m of the forced decision of an altimeter that knows the speed."""
     frames, altitudes = scene(count, interferer, seed)
@@ -175,9 +165,7 @@ def test_linear_prediction_divides_by_the_spectrum_of_its_model():
         frames[:, n] = noise[:, n] - frames[:, max(n - 2, 0) : n][:, ::-1] @ coefficients[1 : 1 + min(n, 2)]
     frames = frames.astype(np.complex64)
     cleaned = create("linear_prediction", W).process(frames)
-    gain = np.mean(np.abs(np.fft.fft(cleaned)) ** 2, axis=0) / np.mean(
-        np.abs(np.fft.fft(frames)) ** 2, axis=0
-    )
+    gain = np.divide(*(np.mean(np.abs(np.fft.fft(x)) ** 2, axis=0) for x in (cleaned, frames)))
     wanted = np.abs(np.fft.fft(coefficients, 7500)) ** 2
     smooth = [np.convolve(np.log(v), np.ones(75) / 75, "same")[100:-100] for v in (gain, wanted)]
     difference = smooth[0] - smooth[1]
@@ -185,15 +173,11 @@ def test_linear_prediction_divides_by_the_spectrum_of_its_model():
 
 
 # -- block LMS: stability as theory has it ----------------------------------------------------------------------------
-
-
 def lms_reference(
     received: np.ndarray, desired: np.ndarray, length: int, block: int, mu: float, normalised: bool = False
 ) -> np.ndarray:
     """Textbook block LMS in float64: y = w^T x, w += mu sum_n conj(x_n) e_n, weights of one frame from zero.
-
-    Normalised, mu is divided by sum_n |x_n|^2.
-    """
+    Normalised, mu is divided by sum_n |x_n|^2."""
     padded = np.concatenate([np.zeros(length - 1), received]).astype(complex)
     weights = np.zeros(length, complex)
     out = np.zeros(received.size, complex)
@@ -226,11 +210,8 @@ def test_nlms_divides_the_step_by_the_power_in_its_taps():
 
 @pytest.mark.parametrize("power", [1.0, 4.0, 8.0, 20.0, 100.0])
 def test_block_lms_diverges_where_theory_says(power):
-    """Explicit Euler: stable for mu * lambda_max(X^H X) < 2, where lambda_max is at most L * block * P.
-
-    The bound is reached by a signal of one direction (a tone): at P = 6.25 with the paper's L = 32, block = 100,
-    mu = 1e-4. The method has to stay below it, and to diverge above it and say so.
-    """
+    """Explicit Euler: stable for mu * lambda_max(X^H X) < 2, where lambda_max is at most L * block * P, which a tone
+    reaches: at P = 6.25 with the paper's L = 32, block = 100, mu = 1e-4. Beyond it the method says that it diverges."""
     tone = np.sqrt(power) * np.exp(2j * np.pi * 0.11 * np.arange(7500))
     method = create("lms", W)
     out = method.process(np.tile(tone.astype(np.complex64), (3, 1)))
@@ -243,9 +224,7 @@ def test_block_lms_diverges_where_theory_says(power):
 @pytest.mark.parametrize(("sir_db", "diverged"), [(-10.0, 0), (-26.0, 20)])
 def test_block_lms_diverges_on_qpsk_where_its_spectral_density_says(sir_db, diverged):
     """lambda_max is block times the peak of the spectrum, P F_s / R_symbol for rectangular QPSK: mu 100 P 3.75 < 2.
-
-    That is P = 53, a SIR of -17.3 dB; the bound L block P of one direction would be reached at -8 dB.
-    """
+    That is P = 53, a SIR of -17.3 dB; the bound L block P of one direction would be reached at -8 dB."""
     limit_db = -10 * np.log10(2 / (1e-4 * 100 * 7.5e6 / QpskEmitter().symbol_rate_hz))
     assert -26 < limit_db < -10
     frames, _ = scene(20, Interferer(QpskEmitter(), sir_db), 6)
@@ -284,8 +263,6 @@ def test_returns_beyond_the_span_are_not_declared_at_their_images(name):
 
 
 # -- the shift check of networks -----------------------------------------------------------------------------------
-
-
 class FakeNetwork:
     """In the place of a session: what ``rule`` makes of (n, 2, N) planes, and how often it was asked."""
 
@@ -412,10 +389,7 @@ def test_shift_check_silences_peaks_of_the_noise_that_a_network_lifts(fake):
     frames, _ = scene(100, Interferer(QpskEmitter(), -15.0, 0.3), 16)
     frames -= point_return(W, scene(100, None, 16)[1])  # noise and interference are left
     fast = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=150.0))
-    made = {
-        check: _found(fast.process(fake(lifts_peaks, shift_check=check).process(frames)))
-        for check in (True, False)
-    }
+    made = {c: _found(fast.process(fake(lifts_peaks, shift_check=c).process(frames))) for c in (True, False)}
     assert made[False] >= 15 > 5 >= made[True]
 
 
@@ -472,17 +446,14 @@ def test_a_gpu_that_is_not_there_is_one_line_and_the_processor(caplog):
     # what is tested is its absence; the pinned onnxruntime has no GPU, a user's own may have
     if "CUDAExecutionProvider" in method.status()["providers"]:
         pytest.skip("this onnxruntime has the GPU")
-    assert caplog.messages == [
-        "tcae: no CUDAExecutionProvider in this onnxruntime; the network runs on the processor"
-    ]
+    said = "tcae: no CUDAExecutionProvider in this onnxruntime; the network runs on the processor"
+    assert caplog.messages == [said]
     np.testing.assert_array_equal(method.process(frames), create("tcae", W).process(frames))
     with pytest.raises(MitigationError, match="tcae.provider is 'tpu'; one of cpu, cuda"):
         create("tcae", W, provider="tpu")
 
 
 # -- the common contract ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", METHODS)
 def test_a_frame_that_is_not_finite_does_not_touch_the_next(name):
     """That frame is invalid with its reason; the others are what they are without it."""
@@ -556,8 +527,6 @@ def test_methods_work_for_other_sweeps(name):
 
 
 # -- what methods share -----------------------------------------------------------------------------------------------
-
-
 def test_linear_prediction_leaves_the_envelope_of_a_sweep_alone():
     """Its frequencies come one after the other: a taper over the frame would shape its spectrum, and so the sweep."""
     rng = np.random.default_rng(21)

@@ -1,7 +1,4 @@
-"""The shipped networks: what they claim about themselves, and what the physics says they must do.
-
-Everything is read from the ONNX files themselves, without PyTorch and without the `onnx` package.
-"""
+"""The shipped networks: what they claim about themselves and what physics says they must do, from their ONNX files."""
 
 import hashlib
 import os
@@ -16,10 +13,9 @@ from google.protobuf.empty_pb2 import Empty
 from google.protobuf.unknown_fields import UnknownFieldSet
 from waiting import ran_python
 
-from radalt.core.altimeter.altimeter import Altimeter
+from radalt import Altimeter, Waveform
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
-from radalt.core.waveform import Waveform
 
 SHIPPED = ("tcae", "any_sweep", "paper", "cnn", "fc")
 TRIALS = 120
@@ -72,9 +68,6 @@ def _parameters(path, metadata) -> dict[str, int]:
     return parts
 
 
-# -- what the files say ------------------------------------------------------------------------------------------------
-
-
 def test_paper_model_has_the_papers_parameters(models):
     """4,336 + 15,356,160 + 1,926,472 + 3,314 = 17,290,282, counted in the exported file."""
     path = models / "paper.onnx"
@@ -109,9 +102,6 @@ def test_waveform_that_was_not_trained_for_is_refused(models):
         create("tcae", Waveform(rate_hz=15e6, bandwidth_hz=7.5e6), model=models / "tcae.onnx")
     with pytest.raises(MitigationError, match="radalt_centered"):
         create("tcae", Waveform(centered=False), model=models / "tcae.onnx")
-
-
-# -- what the networks do ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -1,7 +1,6 @@
 """The whole live path from the command line: tiny sweeps through the real flowgraph, and what it refuses."""
 
 import csv
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import collect
 import ota_eval
 import pytest
 from hostile import ended
-from waiting import end_of, ran_python
+from waiting import end_of, ran_python, started
 
 from radalt.core.scene import load_scene
 from radalt.evaluation.overlap.rows import COLUMNS
@@ -20,8 +19,7 @@ SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes
 
 def start(*arguments):
     """ota_eval in a process of its own, as users start it."""
-    command = [sys.executable, ota_eval.__file__, "--sim", *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return started(sys.executable, ota_eval.__file__, "--sim", *arguments)
 
 
 def run(*arguments):
@@ -94,12 +92,6 @@ def test_resume_refuses_other_options_in_one_line(whole, capsys):
     assert (whole[0] / "rows.csv").read_bytes() == before
 
 
-def test_methods_may_name_ones_own(root, capsys):
-    own = root / "flowgraphs/own_method.py"
-    assert ota_eval.main(["--sim", "--plan", "--methods", "none,mine", "--method-file", f"mine={own}"]) == 0
-    assert "  methods none, mine: asked for" in capsys.readouterr().out
-
-
 def one_line(capsys) -> str:
     err = capsys.readouterr().err
     assert err.startswith("ota_eval: ") and err.count("\n") == 1 and err.endswith("\n")
@@ -124,9 +116,7 @@ def test_what_does_not_fit_is_one_line_and_code_2(capsys, monkeypatch, tmp_path,
     assert not list(tmp_path.iterdir())  # nothing is left behind
 
 
-def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(
-    whole, tmp_path, measured_here, undrawn
-):
+def test_a_tracked_run_has_the_same_rows_and_scores_a_slow_flight(whole, tmp_path, measured_here, undrawn):
     """Ten outputs at each of two altitudes; the first three after a step confirm the track. No noise to be wrong in."""
     folder = tmp_path / "tracked"
     options = "--methods none,whitening,lms --overlap 0 --sir-db=-28 --altitudes 600,40 --frames 3 --jobs 1"

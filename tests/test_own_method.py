@@ -1,24 +1,24 @@
 """Methods of your own: in an embedded block, as a file, as a network."""
 
-import dataclasses
-import importlib.util
 import json
 import os
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
+import make_flowgraphs
 import numpy as np
 import ota_eval
 import pytest
+from frames import N, W
 from gnuradio import gr
 from hostile import ended, write_scene
 from waiting import patient, ran_python
 
+from radalt import load_scene
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.returns.point import point_return
-from radalt.core.scene import load_scene
-from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, save_as_companion
 from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import load_class, run_point
@@ -28,7 +28,6 @@ from radalt.evaluation.overlap.study import OverlapStudy
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = ROOT / "flowgraphs"
 OWN = FLOWGRAPHS / "own_method.py"
-W = Waveform()
 
 FRAMES = point_return(W, np.array([200.0, 400.0, 900.0])).astype(np.complex64)
 
@@ -42,17 +41,14 @@ def unrehearsed(monkeypatch):
 def small_scene(**changes):
     """The paper's case where no mitigation breaks, 12 frames."""
     scene = load_scene("paper_qpsk").at(overlap=1.0, sir_db=-28.0)
-    altitude = dataclasses.replace(scene.altitude, programme_m=(900.0, 400.0), frames=6)
-    return dataclasses.replace(scene, altitude=altitude, **changes)
+    altitude = replace(scene.altitude, programme_m=(900.0, 400.0), frames=6)
+    return replace(scene, altitude=altitude, **changes)
 
 
 def method(folder: Path, source: str) -> Path:
     path = folder / "mine.py"
     path.write_text(source)
     return path
-
-
-# -- a method in a file -----------------------------------------------------------------------------------------------
 
 
 def test_function_of_a_file_cleans_the_frames(tmp_path):
@@ -94,10 +90,7 @@ HEAD = "def mitigate(frames, waveform):\n    "
         ("def mitigate(frames):\n    return frames\n", r"mine.py: TypeError: .*positional argument"),
         ("{}return frames[:, 1:]\n", r"shape \(1, 7499\); expected .*\(1, 7500\)"),
         ("{}return None\n", r"gives object of shape \(\); expected complex"),
-        (
-            "import numpy as np\n{}return np.abs(frames)\n",
-            "gives float32 of shape .*; expected complex frames",
-        ),
+        ("import numpy as np\n{}return np.abs(frames)\n", "gives float32 of shape .*; expected complex"),
         ("gain = 2\n", r"it needs a function mitigate\(frames, waveform\) or one subclass of Mitigation"),
     ],
     ids="syntax import name arguments shape nothing real empty".split(),
@@ -106,9 +99,6 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path, source, said):
     with pytest.raises(MitigationError, match=said) as caught:
         create("custom", W, file=method(tmp_path, source.format(HEAD)))
     assert "\n" not in str(caught.value)
-
-
-# -- the same flowgraph with one more chain ---------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -157,15 +147,9 @@ def test_embedded_method_is_ten_lines():
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
 
 
-# -- the shipped flowgraphs --------------------------------------------------------------------------------------------
-
-
 def test_shipped_flowgraphs_are_the_mechanical_ones():
     """After a change of ota_b210.grc or ota_live.grc: `make flowgraphs`."""
-    spec = importlib.util.spec_from_file_location("make_flowgraphs", ROOT / "tools/make_flowgraphs.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    for name, data in module.made().items():
+    for name, data in make_flowgraphs.made().items():
         file = load_grc(FLOWGRAPHS / name)
         assert sorted(file["connections"]) == sorted(data["connections"]), name
         blocks = {block["name"]: block for block in file["blocks"]}
@@ -211,19 +195,12 @@ def varint(value: int) -> bytes:
 
 def network(path: Path, *operators: str, samples: int = W.samples_per_frame, contract: bool = True) -> Path:
     """An ONNX file of operators without weights, one behind the other."""
-    shape = b"".join(
-        proto(1, proto(2, "n") if size is None else proto(1, size)) for size in (None, 2, samples)
-    )
+    shape = b"".join(proto(1, proto(1, size) if size else proto(2, "n")) for size in (None, 2, samples))
     kind = proto(2, proto(1, proto(1, 1), proto(2, shape)))  # float32
-    nodes = (
-        proto(1, proto(1, f"x{k}"), proto(2, f"x{k + 1}"), proto(4, name)) for k, name in enumerate(operators)
-    )
+    named = enumerate(operators)
+    nodes = (proto(1, proto(1, f"x{k}"), proto(2, f"x{k + 1}"), proto(4, name)) for k, name in named)
     ends = proto(11, proto(1, "x0"), kind) + proto(12, proto(1, f"x{len(operators)}"), kind)
-    about = {
-        "frame_samples": W.samples_per_frame,
-        "layout": "iq_channels_first",
-        "normalisation": "joint_rms",
-    }
+    about = {"frame_samples": N, "layout": "iq_channels_first", "normalisation": "joint_rms"}
     about |= {"rate_hz": W.rate_hz, "centered": 1}
     props = (proto(14, proto(1, f"radalt_{k}"), proto(2, str(v))) for k, v in about.items() if contract)
     graph = proto(7, *nodes, proto(2, "g"), ends)
@@ -234,10 +211,8 @@ def network(path: Path, *operators: str, samples: int = W.samples_per_frame, con
 @pytest.mark.parametrize("first", [True, False])
 def test_a_network_in_two_files_is_the_joined_one(first, tmp_path):
     whole = network(tmp_path / "whole.onnx", "Tanh", "Neg")
-    parts = (
-        network(tmp_path / "c++.onnx", "Tanh", contract=first),
-        network(tmp_path / "d.onnx", "Neg", contract=not first),
-    )
+    encoder = network(tmp_path / "c++.onnx", "Tanh", contract=first)
+    parts = encoder, network(tmp_path / "d.onnx", "Neg", contract=not first)
     frames = FRAMES + 0.5 * np.roll(FRAMES, 1, axis=0)  # of one return each, they would pass as they are
     options = {"batch": 2, "shift_check": False}
     joined, split = (create("tcae", W, model=m, **options) for m in (whole, "+".join(map(str, parts))))
@@ -262,10 +237,7 @@ def test_both_files_of_a_network_are_watched_and_shipped(tmp_path):
     ("decoder", "message"),
     [
         (None, "d.onnx does not exist; name one with --model"),
-        (
-            {"samples": 100},
-            r"encoder gives tensor\(float\) .* decoder takes .* name the files of one network",
-        ),
+        ({"samples": 100}, "encoder gives tensor.float. .* decoder takes .* name the files of one network"),
         ({"contract": False}, "lacks the metadata radalt_frame_samples"),
     ],
 )
@@ -275,9 +247,6 @@ def test_two_files_that_are_no_network_are_refused(decoder, message, tmp_path):
         network(tmp_path / "d.onnx", "Neg", **decoder)
     with pytest.raises(MitigationError, match=message):
         create("tcae", W, model=f"{tmp_path}/e.onnx+{tmp_path}/d.onnx")
-
-
-# -- networks and files of the user's own, next to each other and to the shipped ones ----------------------------------
 
 
 def test_several_own_methods_are_rows_of_their_own(root, tmp_path, measured_here, undrawn):

@@ -7,16 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frames import white
+from frames import W, white
 from gnuradio import blocks, gr, radalt
 from waiting import patient
 
+from radalt import load_scene
 from radalt.core.mitigation import MitigationError, OwnProcess, create
-from radalt.core.scene import load_scene
-from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.watch import run_to_end
-
-W = Waveform()
 
 
 def received(count, seed=1):
@@ -74,8 +71,6 @@ def test_a_refusal_is_the_methods_own_line(apart, tmp_path):
         apart("tcae", model=str(tmp_path / "missing.onnx"))
     with pytest.raises(MitigationError, match="unknown mitigation method 'magic'"):
         apart("magic")
-    with pytest.raises(MitigationError, match="own_process is 'yes'"):
-        create("blanking", W, own_process="yes")
 
 
 def test_what_fails_later_is_one_line_too(apart, tmp_path):

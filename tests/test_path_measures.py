@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from frames import N
 
+from radalt import Waveform
 from radalt.core.radio.path_measures import clipped_percent, ripple_db, strongest_lines
-from radalt.core.waveform import Waveform
-
-N = 7500
 
 
 @pytest.mark.parametrize("centered", [True, False])

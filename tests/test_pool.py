@@ -11,9 +11,7 @@ from radalt.evaluation.engine.pool import WorkerError, run_tasks
 
 def test_every_task_is_done_once_whatever_the_number_of_workers():
     for jobs in (1, 3):
-        done = dict(
-            run_tasks(math.sqrt, [float(k * k) for k in range(7)], jobs=jobs, time_limit_s=patient(60))
-        )
+        done = dict(run_tasks(math.sqrt, [k * k for k in range(7)], jobs=jobs, time_limit_s=patient(60)))
         assert done == {k: float(k) for k in range(7)}
     assert list(run_tasks(math.sqrt, [], jobs=2, time_limit_s=patient(60))) == []
 

@@ -1,34 +1,30 @@
 """The live path's own accounts: CPU by block, latency, drops; frames that skip the network; no result by batch."""
 
-import dataclasses
 import json
 import os
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import realtime_benchmark
-from frames import white
+from frames import W, white
 from pages import assert_whole
 from waiting import patient
 
+from radalt import load_scene
 from radalt.core.mitigation import create
-from radalt.core.scene import load_scene
-from radalt.core.waveform import Waveform
 from radalt.studies.realtime.outside import OutsideWatch
 from radalt.studies.realtime.study import at_rate, fly_benchmark, long_scene, prepare_benchmark
 
-W = Waveform()
 PLAIN = {"batch": 1, "skip_clean": False, "own_process": False}
 
 
 @pytest.mark.parametrize("realtime", [False, True])
 def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
     scene = load_scene("paper_qpsk")
-    scene = long_scene(
-        dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=(200.0,))), 0.4
-    )
+    scene = long_scene(replace(scene, altitude=replace(scene.altitude, programme_m=(200.0,))), 0.4)
     assert scene.altitude.programme.trial_frames == 400
     prepared = prepare_benchmark(scene, ("none", "whitening"), tmp_path, realtime=realtime, **PLAIN)
     result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=patient(50))

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from frames import noise
+from frames import N, W, measured, noise
 
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
+from radalt import Altimeter, AltimeterSettings, AltitudeTracker
 from radalt.core.altimeter.beat_spectra import Spectra
 from radalt.core.returns.point import point_return
 from radalt.core.timing.segmenter import FrameSegmenter
-from radalt.core.tracker.tracker import AltitudeTracker, Status
-from radalt.core.waveform import Waveform
+from radalt.core.tracker.tracker import Status
 
-W = Waveform()
-N = W.samples_per_frame
 ALTIMETER = Altimeter(W, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=20.0))
 PREAMBLE, TRIALS, BROKEN = 8, 150, 40  # frames; the fault begins with trial frame 40
 SPEED = -5.0
@@ -100,9 +97,7 @@ def test_a_receiver_that_still_measures_right_keeps_its_frames(fault):
     segmenter, out = segmented(stream, path)
     assert segmenter.fault == "" and out[-1].index - PREAMBLE >= TRIALS - 4
     late = [f for f in out if f.index >= PREAMBLE + BROKEN]
-    found = ALTIMETER.process(
-        np.stack([f.samples for f in late]), timing_offset_s=np.array([f.offset_s for f in late])
-    )
+    found = measured(late, ALTIMETER)
     right = np.abs(found["altitude_m"] - path[[f.index - PREAMBLE for f in late]]) < 5.0
     assert right.mean() > 0.95
 
@@ -194,9 +189,8 @@ def test_i_and_q_exchanged_from_the_start_give_no_altitude_once_the_track_has_mo
     path = 300.0 + speed * (np.arange(800) + 0.5) * W.sweep_s
     stream = (point_return(W, path, vertical_speed_m_per_s=speed) + noise(rng, 800, snr_db)).ravel()
     for samples, given in ((stream, True), (1j * stream.conj()[N // 2 : -N // 2], False)):
-        outputs = AltitudeTracker(ALTIMETER).process(
-            ALTIMETER.spectra(samples.reshape(-1, N).astype(np.complex64))
-        )
+        spectra = ALTIMETER.spectra(samples.reshape(-1, N).astype(np.complex64))
+        outputs = AltitudeTracker(ALTIMETER).process(spectra)
         normal = outputs["status"] == Status.NORMAL
         assert normal[2:].all() if given else not normal[9:].any()
         assert np.abs(outputs["altitude_m"] - path[outputs["frame_index"]])[normal].max() < 1.0

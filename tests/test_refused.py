@@ -7,7 +7,7 @@ import pkgutil
 import numpy as np
 import pytest
 
-from radalt import core, method
+from radalt import core, method, simulate
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.altimeter.cfar import Cfar
 from radalt.core.channel.settings import ChannelSettings, DropSettings
@@ -18,17 +18,22 @@ from radalt.core.interference.emitters.faa_91_220 import pfd_dbw_per_m2_mhz
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.pulsed_radar import PulsedRadarEmitter
+from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation import create
+from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.parsing import Settings
 from radalt.core.programme import Programme
+from radalt.core.returns.terrain import reflectivity, synthesise
 from radalt.core.scene import Scene, parse_scene
 from radalt.core.timing.segmenter import SegmenterSettings
 from radalt.core.tracker.tracker import AltitudeTracker, TrackerSettings
 from radalt.core.waveform import Waveform
+from radalt.evaluation.results.break_point import break_point
 
 W, NAN = Waveform(), float("nan")
 SAW = {"shape": "sawtooth_up"}
+SLOW, SHORT = Waveform(bandwidth_hz=4e6, rate_hz=5e6), Waveform(sweep_s=0.2e-3)
 
 
 def altimeter(**settings):
@@ -72,7 +77,13 @@ REFUSED = [
     (lambda: Programme((-3.0,)), "altitude.programme_m holds -3.0"),
     (lambda: Programme((3.0,), sync_every_frames=10, sync_frames=4), "sync_frames 4 has to be at least"),
     (lambda: AltitudeTracker(altimeter(), TrackerSettings(output_s=0.005)), "at least 8"),
+    (lambda: break_point([], []), "at least one SIR"),
     # channel
+    (lambda: simulate("clear", frames=2, auxiliary=True), "one receive channel"),
+    (lambda: reflectivity("sea"), "constant_gamma, ulaby_dobson, morchin"),
+    (lambda: reflectivity("ulaby_dobson"), "soil, grass"),
+    (lambda: reflectivity(colour=3), "level_db"),
+    (lambda: synthesise(W, np.ones(1), np.array([50e3]), np.zeros(1)), "do not fit"),
     (lambda: ChannelSettings(gear_db=6.0), "channel.gear_db 6 needs channel.leakage_db"),
     (lambda: DropSettings(3, 200, 100), "min_samples 200 <= max_samples 100"),
     (lambda: channel(start_offset_samples=3.5), "below the kernel's 64"),
@@ -84,6 +95,7 @@ REFUSED = [
     # interference
     (lambda: Interferer(QpskEmitter(), sir_db=float("inf")), "sir_db is inf"),
     (lambda: sent(QpskEmitter(bandwidth_hz=9e6)), "does not fit the rate of 7.5e"),
+    (lambda: sent(QpskReceivedEmitter(bandwidth_hz=8e6)), "does not fit the rate"),
     (lambda: sent(ToneEmitter(frequencies_hz=(4e6,))), "leave +/- 3.75e+06 Hz"),
     (lambda: NrEmitter(tdd="DDX"), "tdd"),
     (lambda: NrEmitter(ssb_indices=(1, 1)), "ssb_indices"),
@@ -112,6 +124,11 @@ REFUSED = [
     (lambda: create("tcae", W, shift_check="maybe"), "shift_check is 'maybe'; expected true or false"),
     (lambda: create("hybrid", W, other="lms"), "hybrid.other is 'lms'; one of tcae, whitening"),
     (lambda: create("qpsk_cancel", Waveform(sweep_s=0.1e-3)), "has 750 samples; it takes 1024 or more"),
+    (lambda: create("ofdm_cancel", SLOW), "rate_hz is 5e+06; it has to be a multiple of 30000"),
+    (lambda: create("ofdm_cancel", W, span_m=-1.0), "ofdm_cancel.span_m is -1.0; it has to be a finite"),
+    (lambda: create("ofdm_cancel", SHORT), "a frame shorter than 0.3e-3 holds too few symbols"),
+    (lambda: create("blanking", W, own_process="yes"), "own_process is 'yes'"),
+    (lambda: layout_of(W, span_m=1e5), "an altitude of 100000 m is"),
     (lambda: options(tcae={"method": "tcae", "model": "x.onnx"}), "cannot be called 'tcae'"),
     (lambda: options(mine={"method": "fft"}), "method is 'fft'; it has to be tcae or custom"),
     (lambda: options(whitening={"waveform": 1}), "the key 'waveform', which the scene itself gives"),

@@ -82,12 +82,8 @@ def client_of(endpoint):
 def loop(tmp_path):
     """A running flowgraph and a client of it."""
     endpoints = {name: f"ipc://{tmp_path}/{name}" for name in ("telemetry", "control")}
-    scene = parse_scene(
-        {
-            "altitude": {"programme_m": [1000.0]},
-            "interference": {"qpsk": {"sir_db": -5.0, "overlap": 0.5, "bandwidth_hz": 2.0025e6}},
-        }
-    )
+    qpsk = {"sir_db": -5.0, "overlap": 0.5, "bandwidth_hz": 2.0025e6}
+    scene = parse_scene({"altitude": {"programme_m": [1000.0]}, "interference": {"qpsk": qpsk}})
     stop, ended = threading.Event(), []
 
     def run() -> None:
@@ -139,9 +135,7 @@ def test_jammer_and_methods_are_set(loop):
     state = client.request("set", altitude_m=100.0, sir_db=-50.0, overlap=1.0, methods=["none"])
     assert (state["sir_db"], state["overlap"], state["methods"]) == (-50.0, 1.0, ["none"])
     # at -50 dB nothing is left to be seen without mitigation
-    seen = until(
-        client, lambda m: m["truth_m"] == 100.0 and (not m["valid"] or abs(m["altitude_m"] - 100) > 5)
-    )
+    seen = until(client, lambda m: m["truth_m"] == 100 and (not m["valid"] or abs(m["altitude_m"] - 100) > 5))
     assert seen["method"] == "none"
     before = client.request("get")["frames"]
     assert {m["method"] for m in results(client, 0.5)} == {"none"}
@@ -245,8 +239,6 @@ def test_a_subscriber_that_never_reads_slows_nothing(loop):
 
 
 # -- control is lost while transmitting --------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def bench(tmp_path, capfd):
     """Two open gates of a flowgraph that is made, but hears nothing; its control, and a way to ask it."""
@@ -404,9 +396,7 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
     air = Listened()
     uhd_double.install(monkeypatch, air)
     radio = uhd_double.RADIO | {"attenuation_db": 60.0, "clock_source": "internal"}
-    scene = parse_scene(
-        {"radio": radio, "interference": {"qpsk": {"sir_db": -5.0, "bandwidth_hz": 2.0025e6}}}
-    )
+    scene = parse_scene({"radio": radio, "interference": {"qpsk": {"sir_db": -5, "bandwidth_hz": 2.0025e6}}})
     answer, go_on, stop = radalt.remote_control._answer, threading.Event(), threading.Event()
 
     def lose(self, parts):
@@ -418,11 +408,9 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
 
     monkeypatch.setattr(radalt.remote_control, "_answer", lose)
     options = {"telemetry": "", "control": f"ipc://{tmp_path}/control", "sim": False, "transmit": True}
+    options |= {"stop": stop, "log": lambda line: None}
     options |= {"keep_alive_s": 1.0} if lost == "the client is silent" else {}
-    thread = threading.Thread(
-        target=lambda: drive_remotely(scene, ("none",), stop=stop, log=lambda line: None, **options),
-        daemon=True,
-    )
+    thread = threading.Thread(target=drive_remotely, args=(scene, ("none",)), kwargs=options, daemon=True)
     thread.start()
     try:
         with client_of(options["control"]) as asking:

@@ -1,8 +1,8 @@
 """Result folders, reports, figures and pooling, from rows that were made by hand."""
 
-import dataclasses
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def scene_of(**changes):
         methods=tuple(METHODS),
         sweep=SweepSpec(overlap=(0.0, 0.5, 1.0), sir_db=(-10.0, -28.0)),
     )
-    return dataclasses.replace(scene, **changes)
+    return replace(scene, **changes)
 
 
 def correct_of(method, point, trials):
@@ -55,10 +55,8 @@ def rows_of(scene, batches=1):
             correct = correct_of(method, point, trials)
             squared = 0.04 * trials + 1e4 * (trials - correct)
             s = Score(trials, trials, correct, trials, 0, 0, squared, 0.1, 0.04 * trials)
-            seed, found = (
-                point_seed(scene.seed, point),
-                s.row() | {"right": bits(np.arange(trials) < correct)},
-            )
+            seed = point_seed(scene.seed, point)
+            found = s.row() | {"right": bits(np.arange(trials) < correct)}
             timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
             where = (method, scene.interference_name, point, seed, found)
             out.append(make_row(*where, diverged_frames=0, segmenter={}, **timing))
@@ -76,10 +74,8 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
         more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
         rows.append(make_row(*where, diverged_frames=0, segmenter={}, **more))
     text = verdict(rows, "simulated", {"bandwidth_hz": 7.5e6})
-    assert text.startswith(
-        "**`tcae` is right most often, with a Pd of 1.000** over all overlaps above 0, 0.100 (0.041 to 0.159)"
-    )
-    assert "above `none` on the same 100 frames; level with `whitening`." in text
+    assert text.startswith("**`tcae` is right most often, with a Pd of 1.000** over all overlaps above 0, ")
+    assert "0.100 (0.041 to 0.159) above `none` on the same 100 frames; level with `whitening`." in text
     assert "Most wrong and valid: `none`, 10 of 100" in text
 
 
@@ -125,8 +121,6 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
 
 
 # -- rows on disk -------------------------------------------------------------------------------------------------
-
-
 def test_rows_of_another_seed_do_not_hold(tmp_path):
     """Somebody copied the journal: same points, same columns, whole lines."""
     for name, seed in (("a", 1), ("b", 2)):
@@ -140,8 +134,6 @@ def test_rows_of_another_seed_do_not_hold(tmp_path):
 
 
 # -- one run, one folder ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["report.md", "scene.yaml", "rows.csv", "thesis.tex"])
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_folder_with_somebodys_own_files_is_refused_and_left_alone(tmp_path, name, resume):
@@ -161,7 +153,7 @@ def test_two_writers_on_one_folder_are_one_too_many(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "key"),
+    "change, key",
     [
         ({"seed": 2}, "scene.seed is 1 there and 2 here"),
         ({"sweep": SweepSpec(overlap=(0.0, 0.5, 1.0), sir_db=(-10.0,))}, "scene.sweep.sir_db"),
@@ -179,8 +171,6 @@ def test_resume_refuses_another_scene_model_or_version_and_names_the_difference(
 
 
 # -- report -------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
@@ -197,9 +187,8 @@ def test_the_report_says_all_that_it_has_to(whole):
     assert len(report["rows"]) == 12
     for row in report["rows"]:
         assert set(needed) <= set(row) and set(row) == set(COLUMNS.names)
-        assert (row["pd_low"], row["pd_high"]) == pytest.approx(
-            wilson_interval(row["correct"], row["trials"])
-        )
+        interval = wilson_interval(row["correct"], row["trials"])
+        assert (row["pd_low"], row["pd_high"]) == pytest.approx(interval)
     assert {r["method"] for r in report["ceiling"]} == set(METHODS) and len(report["ceiling"]) == 2
     assert 0.01 < report["bounds"][0]["altitude_crb_m"] < 0.1  # 10 dB SNR: about 3 cm
     for name in report["figures"]:
@@ -241,8 +230,6 @@ def test_the_legend_of_every_method_lies_within_a_figure_of_one_panel(tmp_path):
 
 
 # -- pooling ------------------------------------------------------------------------------------------------------
-
-
 def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_path):
     a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of(seed=2))
     _, notes = collect([a, b], tmp_path / "all")
@@ -288,24 +275,15 @@ def test_a_run_that_occurs_twice_counts_once(tmp_path, undrawn):
 @pytest.mark.parametrize(
     ("change", "key"),
     [
-        (lambda s: {"waveform": dataclasses.replace(s.waveform, carrier_hz=4.25e9)}, "waveform.carrier_hz"),
-        (
-            lambda s: {"altimeter": dataclasses.replace(s.altimeter, pfa_per_frame=1e-3)},
-            "pfa_per_frame is 0.0155 in the one, 0.001",
-        ),
-        (
-            lambda s: {"altitude": dataclasses.replace(s.altitude, programme_m=(50.0,))},
-            "altitude.programme_m",
-        ),
+        (lambda s: {"waveform": replace(s.waveform, carrier_hz=4.25e9)}, "waveform.carrier_hz"),
+        (lambda s: {"altimeter": replace(s.altimeter, pfa_per_frame=1e-3)}, "is 0.0155 in the one, 0.001"),
+        (lambda s: {"altitude": replace(s.altitude, programme_m=(50.0,))}, "altitude.programme_m"),
         (lambda s: {"method_options": {"tcae": {"threads": 2}}}, "method_options.tcae"),
     ],
 )
 def test_what_is_not_comparable_is_refused_with_folders_key_and_values(tmp_path, change, key):
     scene = scene_of(seed=2)
-    a, b = (
-        finished(tmp_path / "a", scene_of()),
-        finished(tmp_path / "b", dataclasses.replace(scene, **change(scene))),
-    )
+    a, b = (finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", replace(scene, **change(scene))))
     with pytest.raises(PoolError, match=key) as caught:
         collect([a, b], tmp_path / "all")
     assert str(a) in str(caught.value) and str(b) in str(caught.value) and "\n" not in str(caught.value)
@@ -316,7 +294,7 @@ def test_another_model_and_one_seed_with_other_frames_are_refused(tmp_path):
     a = finished(tmp_path / "a", scene_of())
     other = METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}
     b = finished(tmp_path / "b", scene_of(seed=2), other)
-    c = finished(tmp_path / "c", scene_of(altitude=dataclasses.replace(scene_of().altitude, frames=20)))
+    c = finished(tmp_path / "c", scene_of(altitude=replace(scene_of().altitude, frames=20)))
     for run, said in ((b, "methods.tcae.sha256"), (c, "not independent")):
         with pytest.raises(PoolError, match=said):
             collect([a, run], tmp_path / "all")
@@ -362,7 +340,7 @@ def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path, und
 def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path, undrawn):
     a = finished(tmp_path / "a", scene_of())
     # the simulated channel says nothing about a run on the air
-    noisy = dataclasses.replace(scene_of().channel, adc_bits=12)
+    noisy = replace(scene_of().channel, adc_bits=12)
     b = edit(finished(tmp_path / "b", scene_of(channel=noisy)), source="air")
     collect([a, b], tmp_path / "all")
     pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
@@ -371,8 +349,6 @@ def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path, undra
 
 
 # -- report.html --------------------------------------------------------------------------------------------------
-
-
 def test_figures_are_the_same_bytes_for_the_same_rows_in_three_formats(whole, tmp_path):
     for folder in ("first", "again"):
         (tmp_path / folder).mkdir()
@@ -391,9 +367,7 @@ def test_figures_can_be_read_in_grey(whole):
     assert len(set(told)) == len(told)
 
 
-@pytest.mark.parametrize(
-    "pair", [*itertools.combinations(("none", "whitening", "blanking", "tcae", "hybrid"), 2)]
-)
+@pytest.mark.parametrize("pair", [*itertools.combinations("none whitening blanking tcae hybrid".split(), 2)])
 def test_colours_of_the_first_figures_differ_to_a_deuteranope(pair):
     """After G. M. Machado et al., IEEE Trans. Vis. Comput. Graph. 15, 2009; cube roots as in CIE L*a*b*."""
     seen = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])

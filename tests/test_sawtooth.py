@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
+from radalt import Altimeter, AltimeterSettings, AltitudeTracker, Scene, TrackerSettings, Waveform
 from radalt.core.deramp.if_waveform import IfWaveform, white_noise
 from radalt.core.returns.point import point_return
-from radalt.core.scene import Scene
-from radalt.core.tracker.tracker import AltitudeTracker, Status, TrackerSettings
-from radalt.core.waveform import Waveform
+from radalt.core.tracker.tracker import Status
 
 # 150 MHz in 7 ms, the whole period of a sawtooth: frames of two of them
 SAW = IfWaveform(bandwidth_hz=150e6, sweep_s=14e-3, rate_hz=768e3, pass_hz=250e3, shape="sawtooth_up")
@@ -32,9 +30,7 @@ def test_phase_is_the_integral_of_the_frequency(shape):
 @pytest.mark.parametrize("speed", [-20.0, 0.0, 20.0])
 def test_a_frame_is_biased_by_its_doppler_and_has_no_speed(shape, speed):
     w = replace(SAW, shape=shape)
-    found = Altimeter(w, SETTINGS).process(point_return(w, np.array([300.0]), vertical_speed_m_per_s=speed))[
-        0
-    ]
+    found = Altimeter(w, SETTINGS).process(point_return(w, [300.0], vertical_speed_m_per_s=speed))[0]
     sign = 1 if shape == "sawtooth_up" else -1
     assert abs(found["altitude_m"] - (300.0 + sign * BIAS * speed)) < 0.02
     assert np.isnan(found["vertical_speed_m_per_s"])
@@ -52,9 +48,8 @@ def test_at_full_rate_as_in_the_deramped_domain():
 def test_the_tracker_corrects_with_its_own_speed(shape, speed):
     w = replace(SAW, shape=shape)
     altimeter = Altimeter(w, SETTINGS)
-    tracker = AltitudeTracker(
-        altimeter, TrackerSettings(output_s=8 * w.sweep_s, max_vertical_speed_m_per_s=30.0)
-    )
+    settings = TrackerSettings(output_s=8 * w.sweep_s, max_vertical_speed_m_per_s=30.0)
+    tracker = AltitudeTracker(altimeter, settings)
     frames = 8 * 16
     middle = (np.arange(frames) + 0.5) * w.sweep_s
     received = point_return(w, 300.0 + speed * middle, vertical_speed_m_per_s=np.full(frames, speed))
@@ -74,7 +69,5 @@ def test_long_and_wide_sweeps_are_a_limit_of_flowgraphs_alone():
     for sweep_s, bandwidth in ((0.2e-3, 1e6), (20e-3, 200e6)):
         w = IfWaveform(bandwidth_hz=bandwidth, sweep_s=sweep_s, rate_hz=1.92e6)
         altitude = 100.0
-        found = Altimeter(w, AltimeterSettings(max_altitude_m=600.0)).process(
-            point_return(w, np.array([altitude]))
-        )
+        found = Altimeter(w, AltimeterSettings(max_altitude_m=600.0)).process(point_return(w, [altitude]))
         assert abs(found["altitude_m"][0] - altitude) < 0.05 * w.range_resolution_m

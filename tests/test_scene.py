@@ -52,9 +52,8 @@ def test_every_section_arrives_where_it_belongs_and_survives_the_round_trip():
     scene = parse_scene(full())
     # YAML 1.1 reads these as text
     assert scene.waveform.rate_hz == 7.5e6 and scene.waveform.carrier_hz == 4.25e9
-    assert (
-        scene.altitude.programme_m == (800.0, 20.5) and scene.altitude.programme.total_frames == 9 + 6 + 8 + 2
-    )
+    assert scene.altitude.programme_m == (800.0, 20.5)
+    assert scene.altitude.programme.total_frames == 9 + 6 + 8 + 2
     qpsk, tones = scene.interference
     assert qpsk.emitter == QpskEmitter(1e6, -2e5, "rrc", 0.4)
     assert (qpsk.sir_db, qpsk.overlap, qpsk.start, qpsk.free_running) == (-12.5, 0.3, 0.1, False)
@@ -100,12 +99,7 @@ WRONG = [
     ("altitude: {programme_m: [100, high]}", "altitude.programme_m[1]", "'high'", "expected a number"),
     ("{altimeter: {max_altitude_m: 1500}, altitude: {programme_m: [2000]}}", "programme_m", "2000", "raise"),
     ("altitude: {vertical_speed_m_per_s: 5}", "altitude.vertical_speed_m_per_s", "5", "mode: true_delay"),
-    (
-        "interference: {qpsk: {sir_bd: 3}}",
-        "'interference.qpsk.sir_bd'",
-        "'sir_db'? allowed: sir_db, ",
-        "overlap",
-    ),
+    ("interference: {qpsk: {sir_bd: 3}}", "'interference.qpsk.sir_bd'", "'sir_db'? allowed: ", "overlap"),
     ("interference: {laser: {}}", "'interference.laser'", "laser", "recording, "),
     ("interference: [{qpsk: {}, tones: {}}]", "interference", "'qpsk'", "expected one 'kind: {...}'"),
     ("channel: {drops: {count: -1}}", "drops", "-1", "0 or above"),
@@ -175,9 +169,6 @@ def test_broken_and_missing_files_are_named(tmp_path):
         load_scene("paper_qsk")
     with pytest.raises(SceneError, match="no_such_scene.yaml: cannot be read"):
         load_scene("no_such_scene")
-
-
-# -- points of a sweep ------------------------------------------------------------------------------------------------
 
 
 def test_point_of_a_sweep_changes_what_it_names_and_nothing_else():

@@ -49,8 +49,6 @@ def test_every_pin_is_in_the_lock_with_the_hashes_of_its_files(root, lock, names
     assert "http" not in text
 
 
-# -- Debian packages --------------------------------------------------------------------------------------------------
-
 FAKES = {
     "dpkg-query": """case " $INSTALLED " in *" $4 "*) printf installed ;; *) exit 1 ;; esac""",
     "apt-cache": """case " $HAS " in *" $2 "*) echo '  Candidate: 1.0' ;; *) echo '  Candidate: (none)' ;; esac""",
@@ -90,9 +88,7 @@ LIST = "# a list\nradio   # the main thing\nold-name | new-name  # renamed\n"
         ("radio new-name", "radio old-name new-name", "old-name"),
     ],
 )
-def test_first_name_that_the_distribution_has_is_installed_where_it_is_missing(
-    install, installed, has, chosen
-):
+def test_first_name_of_the_distribution_is_installed_where_it_is_missing(install, installed, has, chosen):
     status, said, asked = install(LIST, installed=installed, has=has)
     assert (status, said) == (0, f"gr-radalt set-up: installing {chosen}\n" if chosen else "")
     assert (f"install --no-install-recommends {chosen}\n" in asked) == bool(asked) == bool(chosen)
@@ -104,17 +100,10 @@ def test_package_that_no_list_knows_is_named_and_set_up_goes_on(install):
     assert said == "gr-radalt set-up: this distribution has no package old-name|new-name; going on without\n"
 
 
-# -- one line each ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("os_release", "python", "named"),
     [
-        (
-            'PRETTY_NAME="Ubuntu 24.04 LTS"\nID=ubuntu\nVERSION_ID="24.04"\n',
-            (3, 12),
-            "Ubuntu 24.04 LTS, Python 3.12",
-        ),
+        ('PRETTY_NAME="Ubuntu 24.04 LTS"\nID=ubuntu\n', (3, 12), "Ubuntu 24.04 LTS, Python 3.12"),
         ("ID=debian\nVERSION_ID=13\n", (3, 14), "Python 3.14"),
         ("", (3, 9), "unknown system, Python 3.9"),
     ],

@@ -1,9 +1,6 @@
 """Losses of samples that nobody marks: no altitude may be wrong in silence, whatever the programme.
 
-More streams than the suite takes: ``RADALT_SLIP_STREAMS=2000 .venv/bin/python -m pytest tests/test_slips.py``,
-and through the GNU Radio block
-``RADALT_SLIP_BLOCK_STREAMS=2000 .venv/bin/python -m pytest --timeout=0 tests/test_slips.py -k Block``.
-"""
+More streams: ``RADALT_SLIP_STREAMS=2000``; through GNU Radio's block ``RADALT_SLIP_BLOCK_STREAMS``, --timeout=0."""
 
 import os
 import threading
@@ -12,22 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 import pmt
 import pytest
-from frames import noise
+from frames import N, W, measured, noise
 from gnuradio import blocks, gr, radalt
 from waiting import patient
 
+from radalt import Altimeter, AltimeterSettings, load_scene
 from radalt.blocks._frames import time_tag
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
 from radalt.core.channel.settings import ChannelSettings
 from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.placement import interference_frames
 from radalt.core.programme import Programme
-from radalt.core.scene import load_scene, parse_scene
+from radalt.core.scene import parse_scene
 from radalt.core.timing.segmenter import Frame, FrameSegmenter
-from radalt.core.waveform import Waveform
 
-W = Waveform()
-N = W.samples_per_frame
 ALTIMETER = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=30.0))
 STREAMS = int(os.environ.get("RADALT_SLIP_STREAMS", "24"))
 BLOCK_STREAMS = int(os.environ.get("RADALT_SLIP_BLOCK_STREAMS", "2"))
@@ -71,9 +65,7 @@ def random_stream(seed: int) -> Stream:
     if rng.random() < 0.6:
         altitudes = rng.uniform(0.0, 1400.0, count)
     else:  # steps that are whole samples, which a loss can imitate
-        altitudes = np.clip(
-            300.0 + np.cumsum(rng.choice([-140, -60, -20, 3, 20, 60, 140], count)), 10.0, 1400.0
-        )
+        altitudes = np.clip(300 + np.cumsum(rng.choice([-140, -60, -20, 3, 20, 60, 140], count)), 10.0, 1400)
     programme = Programme(
         altitudes_m=tuple(float(a) for a in np.round(altitudes, 2)),
         frames_per_step=step,
@@ -84,9 +76,7 @@ def random_stream(seed: int) -> Stream:
     losses, at = [], 0
     for first in np.sort(rng.integers(25 * N, samples.size - 8 * N, int(rng.integers(1, 4)))):
         whole = N * int(rng.integers(1, 4))
-        length = int(
-            rng.choice([rng.integers(1, 10), rng.integers(1, N), whole - rng.integers(0, 12), whole])
-        )
+        length = int(rng.choice([rng.integers(1, 10), rng.integers(1, N), whole - rng.integers(12), whole]))
         if first >= at:
             losses.append((int(first), length, bool(rng.random() < 0.3)))
             at = first + length
@@ -134,22 +124,11 @@ def segmented(stream: Stream, seed: int) -> tuple[list[Seen], FrameSegmenter]:
     return seen, segmenter
 
 
-def measured(seen: list[Seen]) -> np.ndarray:
-    """Results of the altimeter alone."""
-    return ALTIMETER.process(
-        np.stack([s.frame.samples for s in seen]),
-        timing_offset_s=np.array([s.frame.offset_s for s in seen]),
-        frame_index=np.array([s.frame.index for s in seen]),
-    )
-
-
-def silently_wrong(
-    stream: Stream, seen: list[Seen], in_all: int, results: np.ndarray | None = None
-) -> list[tuple[int, float]]:
+def silently_wrong(stream: Stream, seen: list[Seen], in_all: int, results: np.ndarray | None = None):
     """Frames (index, error) with a valid altitude more than 5 m off, of which no status spoke within 50 frames."""
     if not seen:
         return []
-    results = measured(seen) if results is None else results
+    results = measured([s.frame for s in seen], ALTIMETER) if results is None else results
     index = results["frame_index"]
     error = np.abs(results["altitude_m"] - stream.programme.altitude_m(index))
     wrong = results["valid"] & stream.programme.is_trial(index) & (error > WRONG_M)
@@ -176,13 +155,8 @@ def test_no_random_loss_leaves_an_altitude_wrong_in_silence(batch):
 
 def lossy(programme: Programme, length: int, *, true_delay: bool = False, by_hand: bool = False) -> Stream:
     """One untagged loss in frame 60."""
-    return Stream(
-        programme,
-        true_delay,
-        by_hand,
-        received(programme, true_delay, 10.0, 3),
-        [(60 * N + 1234, length, False)],
-    )
+    samples = received(programme, true_delay, 10.0, 3)
+    return Stream(programme, true_delay, by_hand, samples, [(60 * N + 1234, length, False)])
 
 
 def test_a_loss_of_nearly_a_frame_with_two_frames_a_step_is_noticed():
@@ -242,9 +216,7 @@ def hide(samples: np.ndarray, first: int, last: int) -> None:
     samples[first * N : last * N] += noise(np.random.default_rng(6), last - first, -40.0).reshape(-1)
 
 
-@pytest.mark.parametrize(
-    ("length", "shown_again"), [(3, 70), (3, 73), (4000, 71), (4000, 72), (N, 70), (N, 73)]
-)
+@pytest.mark.parametrize("length, shown_again", [(3, 70), (3, 73), (4000, 71), (4000, 72), (N, 70), (N, 73)])
 def test_a_loss_that_interference_hid_lets_no_wrong_altitude_through(length, shown_again):
     """Of hidden frames one in four is looked at, whichever of them the first is that shows the sweep again."""
     programme = Programme((300.0, 500.0, 800.0), frames_per_step=40)
@@ -252,7 +224,7 @@ def test_a_loss_that_interference_hid_lets_no_wrong_altitude_through(length, sho
     hide(stream.samples, 40, shown_again)
     seen, segmenter = segmented(stream, 5)
     shown = [s for s in seen if s.frame.start_sample >= shown_again * N - length]
-    for result in measured(shown) if shown else ():
+    for result in measured([s.frame for s in shown], ALTIMETER) if shown else ():
         error_m = abs(result["altitude_m"] - programme.altitude_m(result["frame_index"]))
         assert not result["valid"] or error_m < WRONG_M
     assert segmenter.counters["lock_losses"] == 1
@@ -305,9 +277,8 @@ class TestThroughTheBlock:
             at = first + length
             if tagged:  # the radio's clock counts what the host lost, marked or not
                 counter = sample + sum(lost for _, lost, marked in stream.losses if marked and _ <= first)
-                tags.append(
-                    gr.tag_utils.python_to_tag((sample, pmt.intern("rx_time"), time_tag(counter, W.rate_hz)))
-                )
+                tag = sample, pmt.intern("rx_time"), time_tag(counter, W.rate_hz)
+                tags.append(gr.tag_utils.python_to_tag(tag))
         source = blocks.vector_source_c(np.concatenate(pieces), False, 1, tags)
         block = radalt.frame_segmenter(scene, follow_programme=not stream.by_hand)
         if stream.by_hand:
@@ -341,10 +312,7 @@ class TestThroughTheBlock:
         assert silently_wrong(stream, seen, noticed(block.segmenter), results) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "overlap"),
-    [("paper_qpsk", 0.1), ("nr10", 0.6), ("fmcw", 0.1), ("fmcw", 0.05)],
-)
+@pytest.mark.parametrize("name, overlap", [("paper_qpsk", 0.1), ("nr10", 0.6), ("fmcw", 0.1), ("fmcw", 0.05)])
 def test_bursts_of_interference_are_no_slip(name, overlap):
     """At SIR -28 dB they hide the sweep, and show a piece of it at many delays: 136 of 150 frames were lost by that."""
     programme = Programme(altitudes_m=(200.0, 400.0, 600.0, 800.0, 1000.0), frames_per_step=30)
@@ -352,9 +320,8 @@ def test_bursts_of_interference_are_no_slip(name, overlap):
     count, first = samples.size // N, programme.preamble_frames
     rng = np.random.default_rng([5, *name.encode(), int(100 * overlap)])
     scene = load_scene(name).at(overlap=overlap, sir_db=-28.0)
-    jam = interference_frames(
-        scene.interference, count - first, N, W.rate_hz, rng, total_sir_db=scene.total_sir_db
-    )
+    total = {"total_sir_db": scene.total_sir_db}
+    jam = interference_frames(scene.interference, count - first, N, W.rate_hz, rng, **total)
     samples[first * N : count * N] += jam.astype(np.complex64).reshape(-1)
     segmenter = FrameSegmenter(W, programme)
     frames = len(segmenter.push(samples)) + len(segmenter.drain())

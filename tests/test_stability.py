@@ -1,20 +1,19 @@
 """Stability: stiff, extreme and broken frames end in a right altitude or in none, and the judge can say otherwise."""
 
-import dataclasses
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 import pytest
-from frames import white
+from frames import W, white
 from pages import assert_whole
 
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt import Altimeter, AltimeterSettings, load_scene
+from radalt.core.altimeter.altimeter import Reason
 from radalt.core.interference.placement import interference_frames
 from radalt.core.mitigation import create
 from radalt.core.mitigation.base import Mitigation
 from radalt.core.returns.point import point_return
-from radalt.core.scene import load_scene
-from radalt.core.waveform import Waveform
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.engine.study import Run
@@ -25,15 +24,10 @@ from radalt.studies.stability.judge import judge, judge_all
 from radalt.studies.stability.report import failures, write_report
 from radalt.studies.stability.study import StabilityStudy, compared_chains
 
-W = Waveform()
-
 
 def not_passed(rows):
-    return [
-        f"{r['case']}: {r['chain']}: {r['verdict']} {r['reasons']}"
-        for r in rows
-        if r["verdict"] not in ("pass", "refused")
-    ]
+    bad = (r for r in rows if r["verdict"] not in ("pass", "refused"))
+    return [f"{r['case']}: {r['chain']}: {r['verdict']} {r['reasons']}" for r in bad]
 
 
 @pytest.mark.parametrize("method", ["none", "whitening", "nlms"])
@@ -65,9 +59,8 @@ def test_shipped_network_keeps_altitudes_without_noise_and_makes_nothing_of_noth
     """Above an SNR of 50 dB it lost three altitudes of four, and made up one in six, before it was given a dither."""
     altitudes = np.linspace(30.0, 1400.0, 12)
     network = create("tcae", W)
-    result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0)).process(
-        network.process(point_return(W, altitudes))
-    )
+    altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
+    result = altimeter.process(network.process(point_return(W, altitudes)))
     assert np.abs(result["altitude_m"] - altitudes).max() < 5.0
     assert not network.process(np.zeros((2, W.samples_per_frame), np.complex64)).any()
 
@@ -110,16 +103,13 @@ def test_a_block_that_fails_in_the_flowgraph_is_a_row_that_says_why(monkeypatch,
     assert (row["value"], row["verdict"]) == (None, "FAIL as it was")
 
 
-# -- the judge can fail -----------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def case():
     return next(c for c in cases.number_cases() if c.name == "8-bit converter")
 
 
 def test_a_wrong_truth_is_a_wrong_altitude(case):
-    lie = dataclasses.replace(case, truth_m=case.truth_m + 50.0)
+    lie = replace(case, truth_m=case.truth_m + 50.0)
     row = judge(lie, Chain("none", "none"))
     assert (row["verdict"], row["wrong"]) == ("FAIL", 4)
     assert judge(lie, Chain("whitening", "whitening"))["verdict"] == "WRONG"
@@ -143,14 +133,12 @@ class Overflow(Mitigation):
 
 @pytest.mark.parametrize("method", [Grudge, Overflow])
 def test_a_method_that_keeps_a_grudge_or_overflows_fails(case, method, monkeypatch):
-    monkeypatch.setattr(
-        "radalt.evaluation.results.chain.create", lambda name, waveform, **_: method(waveform)
-    )
+    monkeypatch.setattr("radalt.evaluation.results.chain.create", lambda name, w, **_: method(w))
     assert judge(case, Chain("bad", "bad"))["verdict"] == "FAIL"
 
 
 def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
-    bad = dataclasses.replace(case, truth_m=case.truth_m + 50.0)
+    bad = replace(case, truth_m=case.truth_m + 50.0)
     study = StabilityStudy(compared_chains(["none"]))
     rows = [{"group": "numbers"} | row for row in judge_all([case, bad], study.chains)]
     tables = {"rows": rows, "step_limits": [], "checks": []}

@@ -19,9 +19,8 @@ def test_local_axes_follow_the_derivatives_of_position():
     axes = geodesy.enu_axes(lat, lon)
     meridian, prime = geodesy.curvature_radii_m(lat)
     centre = geodesy.geodetic_to_ecef(lat, lon, 0.0)
-    east = (
-        geodesy.geodetic_to_ecef(lat, lon + np.degrees(step / prime / np.cos(np.radians(lat))), 0.0) - centre
-    )
+    moved = lon + np.degrees(step / prime / np.cos(np.radians(lat)))
+    east = geodesy.geodetic_to_ecef(lat, moved, 0.0) - centre
     north = geodesy.geodetic_to_ecef(lat + np.degrees(step / meridian), lon, 0.0) - centre
     up = geodesy.geodetic_to_ecef(lat, lon, step) - centre
     assert axes @ np.stack([east, north, up], axis=1) / step == pytest.approx(np.eye(3), abs=1e-3)

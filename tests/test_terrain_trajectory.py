@@ -49,17 +49,14 @@ def test_coordinated_turn_sets_the_bank(tmp_path):
     speed, rate = 80.0, np.radians(3.0)  # a rate-one turn: atan(80 * 0.05236 / 9.80665) = 23.13 degrees
     t = np.arange(0.0, 40.0, 1.0)
     north, east = speed / rate * np.sin(rate * t), speed / rate * (1 - np.cos(rate * t))
-    track = Trajectory(
-        t, 42 + np.degrees(north / 6.36e6), -88 + np.degrees(east / 4.75e6), np.full(40, 900.0)
-    )
+    track = Trajectory(t, 42 + np.degrees(north / 6.36e6), -88 + np.degrees(east / 4.75e6), np.full(40, 9e2))
     state = track.state(20.3)
     assert state.roll_deg == pytest.approx(23.1, abs=0.6)
     assert state.heading_deg == pytest.approx(60.9, abs=0.7)
     nose, wing, belly = state.body_axes()
     assert wing[2] < -0.3 and belly[2] < -0.9  # right wing down in a right turn
-    assert np.stack([nose, wing, belly]) @ np.stack([nose, wing, belly]).T == pytest.approx(
-        np.eye(3), abs=1e-12
-    )
+    axes = np.stack([nose, wing, belly])
+    assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
 
 
 def test_adsb_state_vectors_load_as_they_come(tmp_path):
@@ -75,8 +72,7 @@ def test_adsb_state_vectors_load_as_they_come(tmp_path):
     rows += ["1600000200,a0b1c2,41.96,-87.93,60,90,0,true,,"]
     path = _state_vectors(tmp_path, rows)
     track = Trajectory.load(path, altitude_offset_m=34.0)
-    # one without position, one on the ground, five with the position before
-    assert track.time_s.size == 41 - 7
+    assert track.time_s.size == 41 - 7  # one without position, one on ground, five with the position before
     assert track.altitude_m[0] == pytest.approx(round(800 / 7.62) * 7.62 + 94.0)
     assert Trajectory.load(path, altitude="baro").altitude_m[0] == pytest.approx(round(800 / 7.62) * 7.62)
     state = track.state(1600000080.0)
@@ -85,11 +81,7 @@ def test_adsb_state_vectors_load_as_they_come(tmp_path):
 
 
 def test_several_aircraft_need_a_choice(tmp_path):
-    rows = [
-        f"{k},{name},41.9,{-88 + 0.001 * k},70,90,0,false,500,500"
-        for k in range(8)
-        for name in ("aaa", "bbb")
-    ]
+    rows = [f"{k},{n},41.9,{-88 + 0.001 * k},70,90,0,false,500,500" for k in range(8) for n in ("aaa", "bbb")]
     path = _state_vectors(tmp_path, rows)
     with pytest.raises(TrajectoryError, match=r"2 aircraft.*aaa.*aircraft="):
         Trajectory.load(path)

@@ -2,19 +2,17 @@
 
 import numpy as np
 import pytest
-from frames import white
+from frames import W, white
 from scipy.stats import binomtest
 
+from radalt import Altimeter, AltimeterSettings, load_scene
 from radalt.bench.textbook import THRESHOLD, textbook_altitudes
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt.core.altimeter.altimeter import Reason
 from radalt.core.interference.placement import interference_frames
 from radalt.core.mitigation import create
 from radalt.core.returns.point import point_return
-from radalt.core.scene import load_scene
-from radalt.core.waveform import Waveform
 from radalt.evaluation.results.proportion import clopper_pearson
 
-W = Waveform()
 FRAMES = 160
 
 
@@ -24,22 +22,15 @@ def frames_of(scene_name: str, sir_db: float, snr_db: float = 10.0) -> tuple[np.
     frames = point_return(W, altitudes, vertical_speed_m_per_s=speeds, dtype=np.complex128)
     if scene_name != "none":
         scene = load_scene(scene_name).at(overlap=1.0, sir_db=sir_db)
-        frames += interference_frames(
-            scene.interference, FRAMES, 7500, 7.5e6, rng, total_sir_db=scene.total_sir_db
-        )
+        total = {"total_sir_db": scene.total_sir_db}
+        frames += interference_frames(scene.interference, FRAMES, 7500, 7.5e6, rng, **total)
     frames += 10 ** (-snr_db / 20) * white(rng, FRAMES)
     return frames.astype(np.complex64), altitudes
 
 
 def textbook(frames: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    return textbook_altitudes(
-        frames,
-        bandwidth_hz=7.5e6,
-        rate_hz=7.5e6,
-        carrier_hz=4.3e9,
-        speed_m_per_s=speed,
-        max_altitude_m=1500.0,
-    )
+    sweep = {"bandwidth_hz": 7.5e6, "rate_hz": 7.5e6, "carrier_hz": 4.3e9}
+    return textbook_altitudes(frames, **sweep, speed_m_per_s=speed, max_altitude_m=1500.0)
 
 
 @pytest.mark.parametrize(

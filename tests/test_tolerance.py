@@ -26,9 +26,6 @@ def broken(profile, interferer, feet):
     return study.measure(study.points()[0])[0]
 
 
-# -- profiles -----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", profile_names())
 def test_every_number_of_a_profile_has_a_source_and_a_standing(name):
     profile = load_profile(name)
@@ -74,10 +71,9 @@ def test_a_base_is_a_file_beside_or_a_shipped_profile(tmp_path):
 
 
 def test_levels_by_hand():
-    """0.4 W, 10 dBi, 3 dB of cable: 1 dBm/MHz at the port is 1 - 30 - 10 + 34.13 + 3 dBW/m2/MHz in the air."""
+    """0.4 W, 10 dBi, 3 dB of cable: 0 dBm/MHz at the port is -30 - 10 + 34.13 + 3 dBW/m2/MHz in the air."""
     profile = load_profile("fmcw_150mhz")
     aperture = 10 * np.log10((299_792_458 / 4.3e9) ** 2 / (4 * np.pi))
-    assert profile.flux_dbw_per_m2_mhz(1.0) == pytest.approx(1 - 30 - 10 - aperture + 3)
     assert profile.transmit_dbm == pytest.approx(26.02, abs=0.01)
     assert 10 * np.log10(profile.noise_mw_per_hz) == pytest.approx(-173.98 + 8, abs=0.01)
     # over diffuse ground the loss grows with the square of the height
@@ -86,11 +82,9 @@ def test_levels_by_hand():
     assert profile.preselector_loss_db(3.93e9) == pytest.approx(10 * np.log10(1 + 3.7**6))
     tone, noise = INTERFERERS["tone"], INTERFERERS["white_noise"]
     assert tone.density_dbm_per_mhz(profile, 0.0) == pytest.approx(-10 * np.log10(150))
+    assert tone.flux_dbw_per_m2_mhz(profile, 10 * np.log10(150)) == pytest.approx(-30 - 10 - aperture + 3)
     width_mhz = profile.noise_bandwidth_hz / 1e6
     assert noise.density_dbm_per_mhz(profile, 0.0) == pytest.approx(-10 * np.log10(width_mhz))
-
-
-# -- criteria and bisection ---------------------------------------------------------------------------------------
 
 
 def outputs(*, wrong=0, missing=0, count=200, truth=100.0, off=5.0):
@@ -162,9 +156,6 @@ def test_a_figure_has_a_panel_per_interferer_with_the_rule_and_what_was_measured
         assert ["Aerospace" in " ".join(words) for words in labels] == [True, False]
 
 
-# -- physics of a trial -------------------------------------------------------------------------------------------
-
-
 def test_a_locked_equal_sweep_wins_at_the_power_of_the_return_wrong_and_normal():
     row = broken("fmcw_150mhz", "equal_locked", 200.0)
     assert row["break_dbm"] == pytest.approx(row["return_dbm"], abs=1.0)
@@ -194,10 +185,8 @@ def test_the_noise_of_each_mechanism_is_in_the_frames(name):
     numbers = {"iip2_dbm": -25.0, "lo_far_noise_dbc_per_hz": -105.0, "isolation_db": 65.0, "p1db_dbm": -30.0}
     profile = replace(load_profile("poor"), iip3_dbm=-20.0, detector="fft", **numbers)
     trial = Trial(profile, "nr100_3930", "none", 20, 1)
-    power = [
-        np.mean(np.abs(trial._received(0 * trial.returns(200.0), x, slice(0, 48))) ** 2)
-        for x in (None, -10.0)
-    ]
+    silence = 0 * trial.returns(200.0)
+    power = [np.mean(np.abs(trial._received(silence, x, slice(0, 48))) ** 2) for x in (None, -10.0)]
     _, added = trial.kind.in_receiver(profile, -10.0)
     assert added[name] > 0.1 * profile.noise_mw_per_hz
     assert power[1] / power[0] - 1 == pytest.approx(sum(added.values()) / profile.noise_mw_per_hz, rel=0.02)
@@ -215,12 +204,7 @@ def test_bursts_leave_the_return_between_them_and_a_slow_recovery_takes_it():
     assert levels[1] < 0.5 * levels[0]
 
 
-FITTED = [
-    ("careful", 200.0, 23, 25),
-    ("typical", 500.0, -4, 6),
-    ("typical", 1250.0, -4, 6),
-    ("poor", 200.0, -10, -7),
-]
+FITTED = [("careful", 200, 23, 25), ("typical", 500, -4, 6), ("typical", 1250, -4, 6), ("poor", 200, -10, -7)]
 
 
 @pytest.mark.parametrize(("name", "feet", "low_dbm", "high_dbm"), FITTED)
@@ -268,9 +252,7 @@ def test_a_locked_sweep_lies_within_the_span_and_wins_there():
     assert altitude == pytest.approx(locked_m(low) - low.installation_delay_ft * FT, abs=0.5)
 
 
-@pytest.mark.parametrize(
-    ("isolation_db", "at_dbm"), [(150.0, -23.0), (90.0, -28.0), (75.0, -33.0), (60.0, -40.0)]
-)
+@pytest.mark.parametrize(("isolation_db", "at_dbm"), [(150.0, -23), (90.0, -28), (75.0, -33), (60.0, -40)])
 def test_a_blockers_modulation_reaches_the_leakage_before_the_gain_falls(isolation_db, at_dbm):
     """Power at the amplifier at which noise over the return has risen by 1 dB (I/N of -6 dB), by isolation."""
     profile = replace(load_profile("fmcw_150mhz"), isolation_db=isolation_db)
@@ -283,9 +265,6 @@ def test_a_blockers_modulation_reaches_the_leakage_before_the_gain_falls(isolati
 
     assert not risen(at_dbm - 1.0)
     assert risen(at_dbm + 1.0)
-
-
-# -- the command --------------------------------------------------------------------------------------------------
 
 
 def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_return_says(
@@ -327,14 +306,8 @@ def test_a_decomposition_says_what_each_mechanism_costs(tmp_path, measured_here,
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            ["--method", "ofdm_cancel"],
-            "--method: 'ofdm_cancel' is none of those that work behind an IF filter",
-        ),
-        (
-            ["--method", "whitening"],
-            "whitening changes the scale of the IF, on which careful has its threshold",
-        ),
+        (["--method", "ofdm_cancel"], "'ofdm_cancel' is none of those that work behind an IF filter"),
+        (["--method", "whitening"], "changes the scale of the IF, on which careful has its threshold"),
         (["--altitudes-ft", "1420", "--interferers", "equal_locked"], "is where equal_locked appears"),
         (["--interferers", "nr100_3930", "--method", "auxiliary_cancel"], "takes out emitters in the band"),
         (["--altitudes-ft", "5000"], "poor has none within 10..2500, its span"),

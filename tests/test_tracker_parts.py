@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from frames import W
 
-from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
+from radalt import Altimeter, AltimeterSettings
 from radalt.core.tracker.deleter import Deleter
 from radalt.core.tracker.gate import Gate
 from radalt.core.tracker.initiator import Initiator
@@ -18,9 +19,7 @@ from radalt.core.tracker.track import Evidence, Kalman, Track
 from radalt.core.tracker.track_integrity import Integrity
 from radalt.core.tracker.tracker_settings import TrackerSettings
 from radalt.core.tracker.updater import Updater
-from radalt.core.waveform import Waveform
 
-W = Waveform()
 ALTIMETER = Altimeter(W, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=20.0))
 FAST = Altimeter(W, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=150.0))
 
@@ -85,9 +84,7 @@ def scan_of(parts: SimpleNamespace, ratio: np.ndarray, middle: float = 19.5) -> 
     return Scan(Block(parts.tables, ratio, np.arange(40.0)), middle, lead_s=0.02)
 
 
-def showing(
-    parts: SimpleNamespace, up: int, down: int, seed: int, middle: float = 19.5, power: float = 12.0
-) -> Scan:
+def showing(parts, up: int, down: int, seed: int, middle: float = 19.5, power: float = 12.0) -> Scan:
     """A block that shows a point's peak at a pair of cells."""
     ratio, around = exponential(seed), np.arange(-4, 5)
     for half, cell in enumerate((up, down)):
@@ -96,16 +93,16 @@ def showing(
     return scan_of(parts, ratio, middle)
 
 
-def started(parts: SimpleNamespace, up: int, down: int, seed: int) -> Track:
-    """A track of one block that shows a pair of cells."""
+def started(up: int, down: int, seed: int) -> tuple[SimpleNamespace, Track]:
+    """Parts, and a track of one block that shows a pair of cells."""
+    parts = parts_of()
     scan = showing(parts, up, down, seed)
-    return parts.initiator.start(scan, scan.corrected(scan.block.best()))
+    return parts, parts.initiator.start(scan, scan.corrected(scan.block.best()))
 
 
 def level_track(blocks: int) -> tuple[SimpleNamespace, Track, Scan, object]:
     """Parts, a track of level flight after ``blocks`` more blocks, the last scan, and what it measured."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
+    parts, track = started(150, 150, 37)
     for k in range(blocks):
         scan = showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k)
         found = parts.updater.update(track, scan)
@@ -115,16 +112,14 @@ def level_track(blocks: int) -> tuple[SimpleNamespace, Track, Scan, object]:
 def test_a_pair_of_another_doppler_is_no_continuation_while_the_speed_is_unknown():
     """Up a cell higher and down a cell lower is the same altitude and 17 m/s more; four of each are another pair."""
     for apart, same in ((0, True), (1, True), (4, False)):
-        parts = parts_of()
-        track = started(parts, 150, 150, 37)
+        parts, track = started(150, 150, 37)
         found = parts.updater.update(track, showing(parts, 150 + apart, 150 - apart, 38, 59.5))
         assert (found is not None) is same
 
 
 def test_a_track_whose_doppler_its_altitudes_contradict_twice_no_longer_holds_its_place():
     """A pair of lobes passes for 70 m/s, but its altitudes have been level for a second."""
-    parts = parts_of()
-    track = started(parts, 154, 146, 39)
+    parts, track = started(154, 146, 39)
     for k in range(25):
         level = replace(track.latest, altitude_variance_m2=0.01)
         track.append(level, 40.0 * k)
@@ -136,15 +131,13 @@ def test_a_track_whose_doppler_its_altitudes_contradict_twice_no_longer_holds_it
 @pytest.mark.parametrize("resolved", [True, False])
 def test_a_half_that_is_pulled_once_costs_a_certain_track_nothing(resolved):
     """Its altitudes are level and nothing else is left that it could be: one foreign Doppler is interference's."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 42)
+    parts, track = started(150, 150, 42)
     for k in range(25):
         assert parts.updater.update(track, showing(parts, 150, 150, 43 + k, 40.0 * k + 59.5)) is not None
     assert abs(track.doppler_m_per_s) < 1.0  # a mean over ten blocks
     speed, track.resolved = track.filter.mean[1], resolved
-    pulled = [
-        showing(parts, 151, 149, 70, 1079.5 + 40.0 * k) for k in range(3)
-    ]  # 17 m/s at the same altitude
+    # 17 m/s at the same altitude
+    pulled = [showing(parts, 151, 149, 70, 1079.5 + 40.0 * k) for k in range(3)]
     assert parts.integrity.alone(track)
     given = [parts.updater.update(track, scan) is not None for scan in pulled]
     assert given == [resolved, False, False]
@@ -154,10 +147,9 @@ def test_a_half_that_is_pulled_once_costs_a_certain_track_nothing(resolved):
 def test_a_young_track_moves_from_a_lobe_to_the_pair_that_its_blocks_show_with_more_power():
     """It began with a lobe of the up half, six cells higher. Once certain, it stays whatever else has more power."""
     for resolved in (False, True):
-        parts = parts_of()
-        track = started(parts, 156, 150, 37)
+        parts, track = started(156, 150, 37)
         lobe_m, track.resolved = track.latest.altitude_m, resolved
-        ratio = np.random.default_rng(39).exponential(size=(40, 2, FAST.beat_hz.size)).astype(np.float32)
+        ratio = exponential(39)
         ratio[:, :, 150], ratio[:, 0, 156] = 60.0, 20.0
         found = parts.updater.update(track, scan_of(parts, ratio, 59.5))
         rise = 0.0 if resolved else -3.0 * parts.tables.cell_m
@@ -169,8 +161,7 @@ def test_a_young_track_moves_from_a_lobe_to_the_pair_that_its_blocks_show_with_m
 @pytest.mark.parametrize(("altitudes", "moves"), [(2, True), (5, False)])
 def test_a_young_track_does_not_move_to_a_pair_whose_doppler_its_altitudes_contradict(altitudes, moves):
     """Fifty metres per second, and five level altitudes. Two say nothing of a speed."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
+    parts, track = started(150, 150, 37)
     found = replace(track.latest, altitude_variance_m2=9.0)
     track.history.clear()
     for k in range(altitudes):
@@ -199,8 +190,7 @@ def test_an_altitude_that_contradicts_its_prediction_is_not_given_until_the_next
 
 @pytest.mark.parametrize(("cell", "power", "given"), [(240, 0.0, True), (240, 9.0, False), (115, 9.0, False)])
 def test_no_altitude_is_given_beside_a_return_nearly_as_strong_far_above_or_below(cell, power, given):
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
+    parts, track = started(150, 150, 37)
     for k in range(11):
         ratio = showing(parts, 150, 150, 60 + k).block.ratio
         ratio[:, :, cell - 1 : cell + 2] += power * np.array([0.5, 1.0, 0.5], dtype=np.float32)
@@ -224,9 +214,7 @@ def test_no_altitude_is_given_beside_a_return_near_by_that_the_method_has_taken_
 
 
 @pytest.mark.parametrize("late", [0.0, 8.0])
-def test_a_step_of_the_ground_in_the_last_quarter_contradicts_and_interference_in_a_part_of_the_band_does_not(
-    late,
-):
+def test_a_step_in_the_last_quarter_contradicts_and_interference_in_a_part_of_the_band_does_not(late):
     parts, track, scan, found = level_track(11)
     ratio = scan.block.ratio
     if late:  # little of the return is left
@@ -239,10 +227,7 @@ def test_a_step_of_the_ground_in_the_last_quarter_contradicts_and_interference_i
 @pytest.mark.parametrize("missed, resolved, given", [(1, True, True), (2, True, False), (1, False, False)])
 def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, resolved, given):
     """The next block shows too little to start a track; after two poor ones that is no proof."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
-    for k in range(10):
-        parts.updater.update(track, showing(parts, 150, 150, 60 + k, 59.5 + 40.0 * k))
+    parts, track, _, _ = level_track(10)
     assert track.resolved
     track.resolved = resolved
     for _ in range(missed):
@@ -256,8 +241,7 @@ def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, reso
 
 def test_a_track_back_from_coasting_shows_three_blocks_in_a_row():
     """Seed 730028: with a poor block among them the second and third lay on a grating lobe, and one was given."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
+    parts, track = started(150, 150, 37)
     for hits, left in ((1, 0), (2, 0), (3, 3)):
         track.hits, track.missed, track.resolved = hits, 0, True
         parts.deleter.missed(track)
@@ -292,8 +276,7 @@ def test_a_candidate_does_not_keep_another_return_from_becoming_one():
 @pytest.mark.parametrize("left", [12.0, 0.0])
 def test_a_certain_track_that_has_ended_is_remembered_until_its_place_is_vacant_twice(left):
     """The successor's return is four times as strong and 150 m above; its own lobes lie on both sides alike."""
-    parts = parts_of()
-    track, young = started(parts, 150, 150, 42), started(parts, 150, 150, 42)
+    (_, young), (parts, track) = started(150, 150, 42), started(150, 150, 42)
     parts.deleter.end(young)
     assert parts.deleter.predecessor is None  # it was never certain
     track.resolved = True
@@ -310,8 +293,7 @@ def test_a_certain_track_that_has_ended_is_remembered_until_its_place_is_vacant_
 def test_a_place_is_as_wide_as_its_prediction_from_half_a_resolution_cell_to_three(sigma_m, inside, outside):
     """Cells of a quarter of a resolution cell; the peak that stands there reaches a cell beyond its own."""
     for apart, occupied in ((inside, True), (outside, False)):
-        parts = parts_of()
-        track = started(parts, 150, 150, 42)
+        parts, track = started(150, 150, 42)
         track.resolved, track.filter.covariance = True, np.diag([sigma_m**2, 1e-4])
         parts.deleter.end(track)
         ratio = exponential(51)
@@ -334,8 +316,7 @@ def test_received_frames_show_a_return_by_strength_and_not_by_power_alone():
 
 def test_a_gate_is_centred_on_the_prediction_at_the_middle_of_the_block():
     """At 100 m/s the middle of a block, 20 ms before its output, lies 2 m lower."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 42)
+    parts, track = started(150, 150, 42)
     altitude_m = track.filter.mean[0]
     track.filter.mean[1], track.filter.covariance = 100.0, np.diag([0.01, 0.01])
     track.latest = replace(track.latest, altitude_variance_m2=0.01)
@@ -347,9 +328,7 @@ def test_a_gate_is_centred_on_the_prediction_at_the_middle_of_the_block():
     assert open_m.size == 0  # no row of 100 m/s is within the latest Doppler's gate
     track.filter.mean[1] = 0.0
     open_m = parts.tables.altitude_m[parts.gate.mask(track, scan)]
-    assert (
-        open_m.size and np.abs(open_m - altitude_m).max() <= 4.0 * np.sqrt(0.02) + 0.51 * parts.tables.cell_m
-    )
+    assert open_m.size and np.abs(open_m - altitude_m).max() <= 4.0 * 0.02**0.5 + 0.51 * parts.tables.cell_m
 
     scan.residual_m = 30.0  # frames so late that every altitude seems higher
     moved_m = parts.tables.altitude_m[parts.gate.mask(track, scan)]
@@ -359,7 +338,7 @@ def test_a_gate_is_centred_on_the_prediction_at_the_middle_of_the_block():
 def test_a_track_starts_where_a_grating_lobe_wins_the_votes_but_not_the_power():
     """Up cell 150 with down cell 150, power in few frames, or 156, less in all: only more power makes a ghost of it."""
     parts = parts_of()
-    ratio = np.random.default_rng(31).exponential(size=(40, 2, FAST.beat_hz.size)).astype(np.float32)
+    ratio = exponential(31)
     ratio[:, 0, 150] = 6.0
     ratio[::4, 1, 150] = 36.0
     for lobe, ghost in ((8.0, False), (14.0, True)):
@@ -412,12 +391,10 @@ def test_a_return_at_the_highest_speed_allowed_is_found_either_way(sign):
 
 def test_a_speed_just_beyond_the_allowed_is_one_by_its_error():
     """By 1 m/s: with a standard deviation of 2 m/s it may be the return's, with 0.05 m/s not."""
-    parts = parts_of()
-    track = started(parts, 150, 150, 37)
+    parts, track = started(150, 150, 37)
     for sigma, allowed in ((2.0, True), (0.05, False)):
-        found = replace(
-            track.latest, speed_m_per_s=parts.tables.max_speed + 1.0, speed_variance_m2_per_s2=sigma**2
-        )
+        beyond = parts.tables.max_speed + 1.0
+        found = replace(track.latest, speed_m_per_s=beyond, speed_variance_m2_per_s2=sigma**2)
         assert bool(parts.gate.allowed_speed(found)) is allowed
         least, most = parts.integrity.open_cells(track, found)
         assert (least <= 0 <= most) is allowed
@@ -433,7 +410,7 @@ def test_a_doppler_of_the_other_sign_within_its_error_is_no_exchange_of_i_and_q(
 def test_a_track_stays_with_the_pair_of_most_power_while_a_lobe_wins_the_votes():
     """A network leaves two ends of a sweep: the lobe of one half, 20 m off, passes for 35 m/s where 150 are allowed."""
     parts = parts_of()
-    ratio = np.random.default_rng(34).exponential(size=(40, 2, FAST.beat_hz.size)).astype(np.float32)
+    ratio = exponential(34)
     ratio[:, 0, 150] = 6.0
     ratio[::4, 1, 150] = 50.0  # twice the lobe's power, in a quarter of the frames: fewer votes
     ratio[:, 1, 154] = 5.0
@@ -467,9 +444,8 @@ def test_a_poor_altitude_widens_the_level_by_its_share_and_not_for_itself():
 def test_a_return_that_fades_does_not_fluctuate_in_altitude_and_one_that_moves_does():
     parts, found = parts_of(), []
     for power, step in ((48.0, 0), (12.0, 2)):  # in every other frame
-        ratio, other = (
-            showing(parts, 150 + k, 150 + k, 47, power=p).block.ratio for k, p in ((0, 12.0), (step, power))
-        )
+        shown = [showing(parts, 150 + k, 150 + k, 47, power=p) for k, p in ((0, 12.0), (step, power))]
+        ratio, other = (scan.block.ratio for scan in shown)
         ratio[::2] = other[::2]
         found.append(scan_of(parts, ratio).block.best())
     assert found[0].fluctuation_m2 < 0.1 * found[1].fluctuation_m2
@@ -477,8 +453,7 @@ def test_a_return_that_fades_does_not_fluctuate_in_altitude_and_one_that_moves_d
 
 def test_the_deviation_of_a_shape_is_a_mean_over_the_blocks():
     """A second return three cells behind the ground in every block."""
-    parts = parts_of()
-    track, shown = started(parts, 150, 150, 42), []
+    (parts, track), shown = started(150, 150, 42), []
     for k in range(20):
         ratio = showing(parts, 150, 150, 60 + k).block.ratio
         ratio[:, :, 153] += 8.0
@@ -500,8 +475,7 @@ def test_doppler_counts_once_no_grating_lobe_can_pass_for_it(lobe):
 
 
 def test_the_level_for_spread_ground_falls_by_a_tenth_per_block_that_shows_none():
-    parts = parts_of()
-    track = started(parts, 150, 150, 42)
+    parts, track = started(150, 150, 42)
     track.edge_m = 3.0
     for k in range(3):
         ratio = showing(parts, 150, 150, 60 + k).block.ratio

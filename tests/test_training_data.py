@@ -7,14 +7,12 @@ import data
 import interferers
 import numpy as np
 import pytest
+from frames import W
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
-from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import make_recording
-
-W = Waveform()
 
 
 def test_an_example_is_a_function_of_seed_and_index():
@@ -86,9 +84,6 @@ def test_a_coarse_converter_leaves_its_levels():
     assert min(levels) == 2
 
 
-# -- sweeps, frames without a return, recordings ----------------------------------------------------------------------
-
-
 def test_sweeps_of_training_are_of_all_kinds_and_need_no_resampling():
     config = data.CONFIGS["any_sweep"]
     sweeps = [data.sweep_of(config, number, W) for number in range(60)]
@@ -115,9 +110,8 @@ ONE_QPSK |= {"snr_db": (80.0, 80.0)} | dict.fromkeys(("impaired", "empty", "conv
 def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge():
     """A rectangular burst reaches over the band; behind paths and filter it has echoes, and its spectrum ends."""
     for received in (0.0, 1.0):
-        config = replace(
-            data.CONFIGS["any_sweep"], **ONE_QPSK, received=received, full_overlap=1.0, persistent=1
-        )
+        lasting = {"full_overlap": 1.0, "persistent": 1}
+        config = replace(data.CONFIGS["any_sweep"], **ONE_QPSK, received=received, **lasting)
         spectra = []
         for index in range(20):
             frame, clean, _ = data.example(config, W, 1, index)
@@ -202,8 +196,7 @@ def test_training_hears_the_recordings_of_its_part_only(tmp_path, monkeypatch):
 
 
 def test_a_recording_that_is_not_there_is_one_line(tmp_path):
-    with pytest.raises(
-        ValueError, match=r"recording .*none.sigmf-data: No such file.*; name a .sigmf-meta"
-    ) as caught:
+    said = r"recording .*none.sigmf-data: No such file.*; name a .sigmf-meta"
+    with pytest.raises(ValueError, match=said) as caught:
         data.split_recordings([str(tmp_path / "none.sigmf-meta")])
     assert "\n" not in str(caught.value)

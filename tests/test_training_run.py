@@ -1,7 +1,6 @@
 """A tiny training run through the same programs: loss falls, export loads, contract holds.
 
-Needs the training environment (`make train ARGS="--help"` makes it); skipped without.
-"""
+Skipped without the training environment, which `make train ARGS="--help"` makes."""
 
 import csv
 import os
@@ -88,9 +87,8 @@ def test_export_for_every_sweep_loads_and_is_the_same_network_at_its_own(trainin
 def test_the_shipped_network_is_what_its_weights_export_to(training, root, tmp_path):
     """To the byte, so that what runs is what the code in `training/networks` says."""
     model = tmp_path / "again.onnx"
-    status, _, errors = training(
-        "export.py", "compact", "--weights", root / "models/tcae.onnx", "--out", model
-    )
+    weights = "--weights", root / "models/tcae.onnx"
+    status, _, errors = training("export.py", "compact", *weights, "--out", model)
     assert status == 0, errors
     assert model.read_bytes() == (root / "models/tcae.onnx").read_bytes()
 

@@ -39,9 +39,7 @@ def test_bandwidth_is_that_of_the_standard(sent, name, width_hz):
     assert high - low == pytest.approx(width_hz, rel=0.04)
 
 
-@pytest.mark.parametrize(
-    ("name", "length", "prefix"), [("dvbt", 2048, 64), ("dvbt2", 2048, 256), ("ofdm", 64, 16)]
-)
+@pytest.mark.parametrize("name, length, prefix", [("dvbt", 2048, 64), ("dvbt2", 2048, 256), ("ofdm", 64, 16)])
 def test_ofdm_has_its_cyclic_prefix(sent, name, length, prefix):
     samples, period = sent[name][: 12 * (length + prefix) if length > 64 else None], length + prefix
     product = samples[:-length] * samples[length:].conj()

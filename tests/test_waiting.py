@@ -11,9 +11,8 @@ def unlimited(tree: ast.AST) -> list[str]:
         name = ast.unparse(call.func)
         alone = not call.args and not call.keywords
         waits = name in ("subprocess.run", "subprocess.check_output") or name.endswith(".communicate")
-        if (waits and "timeout" not in {k.arg for k in call.keywords}) or (
-            alone and name.endswith((".wait", ".join"))
-        ):
+        limited = "timeout" in {k.arg for k in call.keywords}
+        if (waits and not limited) or (alone and name.endswith((".wait", ".join"))):
             found.append(f"line {call.lineno}: {ast.unparse(call)[:80]}")
     return found
 

@@ -1,7 +1,6 @@
 """The wheel: pure Python for any Python, without GNU Radio; `tools/test-wheel.sh` tries it in bare environments.
 
-Here it is unpacked into a folder and used with the packages of these tests, nothing of the source tree on any path.
-"""
+Here it is unpacked and used with the packages of these tests, nothing of the source tree on any path."""
 
 import os
 import subprocess
@@ -40,9 +39,7 @@ def site(wheel: Path, tmp_path_factory) -> Path:
 
 
 def python(site: Path, folder: Path, *words: str, more: tuple[Path, ...] = ()) -> subprocess.CompletedProcess:
-    kept = {
-        name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_", "RADALT"))
-    }
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "GRC_", "RADALT"))}
     env = kept | {"PYTHONPATH": os.pathsep.join(map(str, (site, *more)))}
     return ran_python(*words, cwd=folder, env=env, limit_s=150)
 
@@ -50,9 +47,7 @@ def python(site: Path, folder: Path, *words: str, more: tuple[Path, ...] = ()) -
 def test_it_is_pure_small_and_whole(root, wheel):
     assert wheel.name.endswith("-py3-none-any.whl") and wheel.stat().st_size < 5_000_000
     names = set(zipfile.ZipFile(wheel).namelist())
-    package = {
-        f"radalt/{f.relative_to(root / 'python/radalt')}" for f in (root / "python/radalt").rglob("*.*")
-    }
+    package = {str(f.relative_to(root / "python")) for f in (root / "python/radalt").rglob("*.*")}
     data = {f"radalt/share/{f.relative_to(root)}" for f in (root / "flowgraphs").rglob("*.yaml")}
     data |= {f"radalt/share/models/{name}.onnx" for name in ("tcae", "any_sweep")}
     wanted = {name for name in package if "__pycache__" not in name} | data | {"gnuradio/radalt/__init__.py"}

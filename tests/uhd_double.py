@@ -1,8 +1,7 @@
 """Two B210s at the boundary of gr-uhd's calls: blocks that record what is called on them and share one air.
 
 The double keeps what UHD promises: time per device, pulses once a virtual second, an ``rx_time`` tag at the start
-time, transmit samples divided by the stream argument ``fullscale`` and clipped at 1, ``async_msgs``.
-"""
+time, transmit samples divided by the stream argument ``fullscale`` and clipped at 1, ``async_msgs``."""
 
 from __future__ import annotations
 
@@ -29,10 +28,7 @@ RADIO = {
 
 
 class Air:
-    """Virtual time, recorded calls and the samples on the way.
-
-    Time moves by `sleep` alone, or, if it is ``ticking``, with the machine's clock.
-    """
+    """Virtual time, moved by `sleep` alone or, if ``ticking``, by the machine's; recorded calls; samples on the way."""
 
     def __init__(
         self,
@@ -58,7 +54,8 @@ class Air:
 
     def reset(self) -> None:
         """Nothing on the way: before a flowgraph's first block is made."""
-        self.sent = {"radar": np.zeros(0, np.complex64), "jammer": np.zeros(0, np.complex64)}
+        self._room = {device: np.zeros(0, np.complex64) for device in ("radar", "jammer")}
+        self.sent = dict(self._room)  # the filled start of each
         self.ended: set[str] = set()
         self.blocks: list[object] = []
         self.over = False
@@ -76,7 +73,11 @@ class Air:
 
     def send(self, device: str, samples: np.ndarray) -> None:
         with self.lock:
-            self.sent[device] = np.concatenate([self.sent[device], samples])
+            first, end = self.sent[device].size, self.sent[device].size + samples.size
+            if end > self._room[device].size:  # at least doubled, or each call copies all that was sent
+                self._room[device] = np.concatenate([self.sent[device], np.empty(end, np.complex64)])
+            self._room[device][first:end] = samples
+            self.sent[device] = self._room[device][:end]
 
     def receive(self, first: int, count: int) -> np.ndarray:
         """What arrives; fewer samples while a transmitter that is still sending has not got so far."""

@@ -29,18 +29,9 @@ def over(begun: float, limit_s: float) -> bool:
     return spent_s >= limit_s and spent_s >= patient(limit_s)
 
 
-def wait_for(
-    condition: Callable[[], object],
-    what: str,
-    *,
-    process: subprocess.Popen | None = None,
-    limit_s: float = 120.0,
-) -> None:
-    """Return once the condition holds.
-
-    It fails with ``what`` at the limit, and as soon as the process that should bring it about has ended without it.
-    That process is killed then, and what it has written is part of the failure.
-    """
+def wait_for(condition: Callable, what: str, *, process: subprocess.Popen | None = None, limit_s=120.0):
+    """Return once the condition holds; fail with ``what`` at the limit, or when the process that should bring it about
+    has ended without it. That process is killed then, and what it has written is part of the failure."""
     begun = time.monotonic()
     while not condition():
         ended = process is not None and process.poll() is not None
@@ -52,17 +43,17 @@ def wait_for(
         time.sleep(0.02)
 
 
-def ran(*command: object, limit_s: float = 120.0, **options: object) -> subprocess.CompletedProcess[str]:
-    """A program that has ended, and all that it started with it; ``options`` are those of `subprocess.Popen`."""
-    words = [str(word) for word in command]
+def started(*command: object, **options: object) -> subprocess.Popen[str]:
+    """A program with a process group of its own; ``options`` are those of `subprocess.Popen`. `end_of` ends both."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
-    process = subprocess.Popen(words, **pipes | options)
-    try:
-        out, err = end_of(process, limit_s=limit_s)
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    return subprocess.CompletedProcess(words, process.returncode, out, err)
+    return subprocess.Popen([str(word) for word in command], **pipes | options)
+
+
+def ran(*command: object, limit_s: float = 120.0, **options: object) -> subprocess.CompletedProcess[str]:
+    """A program that has ended, and all that it started with it; ``options`` as of `started`."""
+    process = started(*command, **options)
+    out, err = end_of(process, limit_s=limit_s)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
 def ran_python(*words: object, **options: object) -> subprocess.CompletedProcess[str]:
@@ -76,20 +67,30 @@ def written(path: Path) -> Callable[[], bool]:
 
 
 def end_of(process: subprocess.Popen, *, limit_s: float = 120.0) -> tuple[str, str]:
-    """What a process writes until it ends (stdout, stderr); one that does not end is killed, and the test fails."""
+    """What a process writes until it ends (stdout, stderr), and the end of its group; at the limit the test fails."""
     begun = time.monotonic()
-    while True:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return process.communicate(timeout=1.0)
-        if over(begun, limit_s):
-            raise AssertionError(f"{process.args} has not ended within {limit_s:g} s{_left_of(process)}")
+    try:
+        while True:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return process.communicate(timeout=1.0)
+            if over(begun, limit_s):
+                raise AssertionError(f"{process.args} has not ended within {limit_s:g} s{_left_of(process)}")
+    finally:
+        _kill(process)
+
+
+def _kill(process: subprocess.Popen) -> None:
+    """Also what it has started, where it has a group of its own."""
+    process.kill()
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def _left_of(process: subprocess.Popen | None) -> str:
     """Kill a process; what it has written that nobody has read."""
     if process is None:
         return ""
-    process.kill()
+    _kill(process)
     try:
         parts = process.communicate(timeout=10)
     except subprocess.TimeoutExpired:  # a child of its own holds the pipes

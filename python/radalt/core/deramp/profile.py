@@ -18,7 +18,7 @@ from scipy.constants import Boltzmann, foot
 from ..altimeter.altimeter import Altimeter, AltimeterSettings
 from ..parsing import InputError, Settings, build, load_yaml, setting
 from ..paths import share_dir
-from ..returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
+from ..returns.link_budget import diffuse_loop_loss_db
 from ..returns.terrain.antenna import GaussianAntenna
 from ..returns.terrain.ground import Reflectivity, reflectivity
 from ..tracker.summed_detector import CounterDetector, SummedDetector
@@ -176,11 +176,6 @@ class Profile(Settings, where="altimeter"):
         """Loss from transmitter to port over diffuse ground, cables included."""
         way = {"antenna": self.antenna, "ground": self.ground, "carrier_hz": self.carrier_hz}
         return diffuse_loop_loss_db(altitude_ft * foot, **way, losses_db=2 * self.cable_db)
-
-    def flux_dbw_per_m2_mhz(self, density_dbm_per_mhz: float) -> float:
-        """Power flux density in the sweep's band, from boresight, that gives a power density at the port."""
-        way = {"frequency_hz": self.carrier_hz, "gain_dbi": self.gain_dbi, "cable_db": self.cable_db}
-        return density_dbm_per_mhz - port_density_dbm_per_mhz(0.0, **way)
 
     # -- receiver ---------------------------------------------------------------------------------------------------
 

@@ -1,11 +1,11 @@
 """Mappings into typed, validated dataclasses and back: one mechanism for every section of a scene.
 
-A wrong key, unit, range or type gives one line that names key, value and what is allowed. The bounds that hold for
-every quantity are defined here.
+A wrong key, unit, range or type gives one line: key, value and what is allowed. Bounds of every quantity are here.
 """
 
 import contextlib
 import dataclasses
+import functools
 import inspect
 import math
 import re
@@ -21,8 +21,7 @@ import numpy as np
 from .messages import CONTROL, MINUS, allowed, shown
 
 LARGEST = 1e12  # largest magnitude of a quantity in any unit: its square stays finite in float32
-# largest magnitude by the unit in which a name ends; wider than any use, and powers of ten, squares and tables of it
-# stay finite
+# largest magnitude by the unit that ends a name: wider than any use; powers of ten, squares and tables stay finite
 _UNITS = {
     "_db": 200.0,
     "_dbi": 200.0,
@@ -194,6 +193,7 @@ def arguments(method: type, given: dict[str, Any], where: str) -> dict[str, Any]
     }
 
 
+@functools.lru_cache(maxsize=512)
 def _hints(owner: Any) -> dict[str, Any]:
     """Resolvable annotations of a class or function; those for type checkers alone are left out."""
     with contextlib.suppress(Exception):  # annotations of plugins may raise anything

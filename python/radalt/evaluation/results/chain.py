@@ -33,7 +33,7 @@ class Chain:
     def of_model(cls, model: Path) -> "Chain":
         """A network, by the method `tcae`."""
         precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
-        label = "tcae" if model.stem == "tcae" else f"tcae {model.stem}"
+        label = "tcae" if model.stem == "tcae" else f"tcae_{model.stem}"
         return cls(label, "tcae", (("model", str(model)),), precision)
 
     def build(self, waveform: Waveform) -> Mitigation:

@@ -66,8 +66,6 @@ class QpskSettings:
     outlier_power: float = 6.0
 
     # -- tracking
-    # symbols per frame of an emitter that is tracked
-    min_symbols: int = 200
     # drift of the pulse over half a frame, of its power, above which timing or carrier are wrong
     max_drift: float = 0.02
     # part of the residual that a correction of the pulse has to explain: less is noise, and waits for the next frame

@@ -15,8 +15,8 @@ _BESIDE = 12  # samples on either side of an equaliser: the interpolation's corr
 
 
 def can_track(symbols: Symbols, pulses: np.ndarray, s: QpskSettings) -> bool:
-    """Whether a frame has enough symbols from end to end, and its (2, length) pulses drift little."""
-    return symbols.active_share == 1 and symbols.times.size >= s.min_symbols and _drift(pulses) < s.max_drift
+    """Whether a frame has symbols from end to end, and its (2, length) pulses drift little."""
+    return symbols.active_share == 1 and _drift(pulses) < s.max_drift
 
 
 class Tracker:
