@@ -11,7 +11,7 @@ import pytest
 import realtime_benchmark
 from frames import W, white
 from pages import assert_whole
-from waiting import patient
+from waiting import patient, wait_for
 
 from radalt import load_scene
 from radalt.core.mitigation import create
@@ -70,12 +70,12 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys, undraw
 
 def test_a_core_that_is_held_up_from_outside_is_seen():
     watch = OutsideWatch()
-    time.sleep(0.3)
     held = watch._watchers[0].pid
+    wait_for(lambda: len(os.listdir(f"/proc/{held}/task")) == 2, "the watcher's second thread")
+    time.sleep(patient(0.1))
     os.kill(held, signal.SIGSTOP)
     time.sleep(0.2)
     os.kill(held, signal.SIGCONT)
-    time.sleep(0.1)
     outside = watch.end()
     assert outside.longest_ms[0] > 150
     assert outside.total_ms[0] >= outside.longest_ms[0]

@@ -231,7 +231,7 @@ def test_a_subscriber_that_never_reads_slows_nothing(loop):
         dead.subscribe(b"")
         dead.connect(endpoints["telemetry"])
         first = client.request("get")
-        received = results(client, 1.5)
+        received = results(client, patient(1.5))
         last = client.request("get")
     assert last["frames"]["none"] > first["frames"]["none"]
     assert len(received) > 100

@@ -36,7 +36,7 @@ def write_report(
     summary = summaries(rows, entries, tables["turns"]) if rows else {}
     if any(math.isfinite(found["held_db"]) for found in summary.values()):
         draw_held(summary, folder.path / "error_vs_runtime.png")
-        draw_curves(rows, entries, folder.path / "pd.png", study.cases.title)
+        draw_curves(rows, entries, folder.path / "pd.png", study.cases)
     else:  # no case has two levels: nothing is held
         summary = {}
     values = {

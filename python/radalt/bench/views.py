@@ -13,6 +13,7 @@ from ..evaluation.results.proportion import clopper_pearson, clopper_pearson_bou
 from ..evaluation.results.rows import grouped
 from ..evaluation.results.score import pool
 from ..evaluation.results.table import metres, number, table
+from .lists import CaseList
 from .paired import curves, held, level_db
 from .rows import Row
 
@@ -168,7 +169,7 @@ def draw_held(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
     draw_pareto(points, path, cost=cost, gain="held / dB, mean of cases", verb="holds most")
 
 
-def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path, title: str) -> None:
+def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: CaseList) -> None:
     """The figure; nothing is written where no case has three levels. Without interference, the level is the SNR."""
     found = {at: by for at, by in curves(rows).items() if max(map(len, by.values())) >= 3}
     if len(found) > _PANELS:
@@ -176,10 +177,9 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path, title: 
         found = {at: by for at, by in found.items() if at[1] == fullest[at[0]]}
     shown = list(found.values())[:_PANELS]
     names = [name for name in entries if any(name in by for by in shown)][:_LINES]
-    of = [row for name in names for by in shown for row in by.get(name, ())]
-    drawn = [
-        row | {"interference": row["case"], "method": row["entry"], "sir_db": level_db(row), "snr_db": None}
-        for row in of
-    ]
-    if drawn:
-        draw_pd(drawn, path, title=title, against="sir_db")
+    every = [row for name in names for by in shown for row in by.get(name, ())]
+    of = [row | {"method": row["entry"], "sir_db": level_db(row), "snr_db": None} for row in every]
+    titled = {name: title for title, name in {c.title: c.name for c in cases.cases}.items()}  # one per title
+    if of:
+        drawn = [row | {"interference": titled.get(row["case"], row["case"])} for row in of]
+        draw_pd(drawn, path, title=cases.title, against="sir_db")

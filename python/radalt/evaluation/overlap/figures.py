@@ -177,13 +177,13 @@ def _draw(
             # of one value, the methods are the axis
             x = np.full(len(of), float(k)) if len(values) == 1 else _values(of, against)
             _plot(axis, x, of, against, quantity, len(series) - 1 - k, series_style(name, series))
-        axis.set_title(heading, fontsize=10)
+        axis.set_title(textwrap.fill(heading, 38), fontsize=10)
         axis.set_yscale("log") if top is None else axis.set_ylim(-0.04 * top, 1.04 * top)
     if len(values) == 1:
         (one,), (name, unit, _) = values, _AXES[against]
         axes[0].set_xticks(range(len(series)), series)  # of all panels
         for axis in axes:
-            axis.tick_params(axis="x", labelrotation=40, labelsize=7)
+            axis.tick_params(axis="x", labelrotation=40, labelsize=7.5)
             if axis.get_xlabel():
                 axis.set_xlabel(f"methods, at {name} {one:g}{unit}", fontsize=9)
     elif against == "sir_db":

@@ -47,7 +47,7 @@ def _approach(config: LandingConfig, rows: Sequence[Row], whole: Sequence[Row], 
         style = {"fmt": "o", "color": series_style(methods[label], config.methods)["color"]}
         bottom.errorbar(entry["pd"], place, xerr=np.maximum(spread, 0.0), ms=5, capsize=3, **style)
     bottom.set_yticks(range(len(whole)), labels)
-    bottom.invert_yaxis()
+    bottom.set_ylim(len(whole) - 0.5, -0.5)
     bottom.set(xlabel=f"Pd: share within {CORRECT_LIMIT_M:g} m, 95 % interval", xlim=(-0.02, 1.02))
     bottom.set_title(f"SIR {config.approach.sir_db:g} dB, overlap {config.approach.overlap:g}", fontsize=10)
     bottom.grid(color="0.9")
