@@ -36,6 +36,7 @@ class Processes:
         self.workers: list[subprocess.Popen] = []
         paths = [str(root / "python"), str(root / "tests"), str(root / "flowgraphs")]
         self._env = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "RADALT_TEST_WORKER": "1"}
+        self._env["DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED"] = "False"  # a sample every 10 ms
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", env=dict(os.environ))
         wait_for(written(self.file), "the scheduler's file", process=self.scheduler)
         self.address = json.loads(self.file.read_text(encoding="utf-8"))["address"]
