@@ -1,19 +1,14 @@
 #!/usr/bin/env python3
 """Which small mistakes do the tests find, and on which constants does a result depend? `make mutants` prints a table.
 
-    .venv/bin/python tools/mutants.py altimeter:120 gate
-    .venv/bin/python tools/mutants.py --constants summed_block deleter
+    .venv/bin/python tools/mutants.py altimeter:120 gate, or --constants summed_block qpsk/settings
 
 Negates a comparison, swaps + and -, or swaps `and` and `or` within a function, one at a time, and runs the tests that
 call the function, the cheapest first. A survivor is a missing test, a dear one that was left out, or a change on which
-no result depends. A test that fails without a mutation, too, kills nothing; nor does a run without an end, which may be
-a slow machine. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_MUTANTS_SEED the seed of the order.
+no result depends. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_MUTANTS_SEED the seed of the order.
 
-With --constants each number at the top of a module is set to twice, half, 100 times its value and 0, until one of the
-tests fails that call a function which uses it. The table has the change and that test. Where none is noticed, no test
-states what the constant is for: it goes, with its code, or gets a test.
-
-Everything is imported once. Each mutant is a fork of that process, in which the functions of the module get other code:
+With --constants each number at the top of a module, or in settings there, is set to twice, half, 100 times its value
+and 0, until one of these tests fails. What none notices goes, with its code, or gets a test. Each mutant is a fork:
 starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.
 """
 
@@ -22,6 +17,7 @@ from __future__ import annotations
 import argparse
 import ast
 import atexit
+import dataclasses
 import functools
 import gc
 import json
@@ -44,12 +40,10 @@ from radalt.evaluation.results.proportion import wilson_interval
 
 ROOT, CORE = FLOWGRAPHS.parent, FLOWGRAPHS.parent / "python/radalt/core"
 LIMIT_S = float(os.environ.get("RADALT_MUTANTS_S", 3600))
-TESTS_S = 10.0  # CPU time of a mutant's tests without a mutation, s: the dearer ones take minutes
+TESTS_S = float(os.environ.get("RADALT_MUTANTS_TESTS_S", 10))  # CPU time of a mutant's tests, unmutated, s
 CPU_S = 5 * TESTS_S  # CPU time after which a mutant's tests have no end, at any load of the machine, s
-TESTS = [
-    f"tests/test_{n}.py"
-    for n in ("altimeter", "cfar", "channel", "summed_detector", "timing", "tracker_parts")
-]
+NAMES = "altimeter", "cfar", "channel", "summed_detector", "timing", "tracker_parts"
+TESTS = [f"tests/test_{name}.py" for name in NAMES]
 FACTORS = (2.0, 0.5, 100.0, 0.0)  # of constants
 SEED = int(os.environ.get("RADALT_MUTANTS_SEED", 1))  # of the order: a short time is a sample of all modules
 OTHER = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
@@ -178,25 +172,29 @@ def noticed(tests: list[str], change: Callable[[], None]) -> str | None:
 
 
 def constants(file: Path, files: list[Path], calls: dict[tuple[str, int], list[str]]) -> None:
-    """Print what notices a change of each number at the top of a module."""
-    trees = {f: ast.parse(f.read_text()) for f in files}
+    """Print what notices a change of each number at the top of a module, and of settings there."""
+    trees, module = {f: ast.parse(f.read_text()) for f in files}, module_of(file)
     targets = [t for n in trees[file].body if isinstance(n, ast.Assign) for t in ast.walk(n.targets[0])]
-    for name in (t.id for t in targets if isinstance(t, ast.Name)):
-        value = getattr(module_of(file), name)
-        if type(value) not in (int, float):
+    own = {t.id: getattr(module, t.id) for t in targets if isinstance(t, ast.Name)}
+    held = [(s, *field) for s in own.values() if dataclasses.is_dataclass(s) for field in vars(s).items()]
+    for holder, name, value in [*held, *((module, *number) for number in own.items())]:
+        if type(value).__name__ not in ("int", "float", "float32"):
             continue
-        users = {file} | {
-            f for f in files if getattr(module_of(f), name, None) is value and name in f.read_text()
-        }
-        functions = [(f, n) for f in users for n in ast.walk(trees[f]) if isinstance(n, ast.FunctionDef)]
+        alike = [m for m in map(module_of, files) if getattr(m, name, None) is value]
+        holders = alike if holder is module else [holder]
         using = [
-            (f.stem, n.lineno) for f, n in functions if any(getattr(x, "id", "") == name for x in ast.walk(n))
+            (f.stem, n.lineno)
+            for f in files
+            if holder is not module or module_of(f) in holders
+            for n in ast.walk(trees[f])
+            if isinstance(n, ast.FunctionDef)
+            and name in {getattr(x, key, "") for x in ast.walk(n) for key in ("id", "attr")}
         ]
         tests = list(dict.fromkeys(test for function in using for test in calls[function]))
 
-        def change(factor: float, name: str = name, value: float = value, users: set[Path] = users) -> None:
-            for user in users:
-                setattr(module_of(user), name, type(value)(value * factor))
+        def change(factor: float, name: str = name, value: float = value, holders: list = holders) -> None:
+            for each in holders:
+                vars(each)[name] = type(value)(value * factor)
 
         found = ((factor, noticed(tests, functools.partial(change, factor))) for factor in FACTORS)
         factor, test = next(((k, t) for k, t in found if t != ""), (None, ""))
@@ -221,13 +219,14 @@ def main() -> None:
     parser.add_argument("--constants", action="store_true", help="change the constants of whole modules")
     args = parser.parse_args()
     wanted = set(args.modules)
-    if unknown := {name.partition(":")[0] for name in wanted} - {f.stem for f in files}:
+    named = {f: {f.stem, f"{f.parent.name}/{f.stem}"} for f in files}  # two modules are settings
+    if unknown := {name.partition(":")[0] for name in wanted} - set().union(*named.values()):
         parser.error(f"no module {min(unknown)}: one of {', '.join(f.stem for f in files)}")
     todo = [
         (f, number)
         for f in files
         for number, (node, _) in enumerate(sites(ast.parse(f.read_text())))
-        if not wanted or {f.stem, f"{f.stem}:{node.lineno}"} & wanted
+        if not wanted or (named[f] | {f"{name}:{node.lineno}" for name in named[f]}) & wanted
     ]
     random.Random(SEED).shuffle(todo)
     end = time.monotonic() + LIMIT_S
@@ -236,7 +235,7 @@ def main() -> None:
     if args.constants:
         files = [f for f in files if module_of(f)]
         calls = calls_of(files, args.tests)
-        for file in (f for f in files if f.stem in wanted):
+        for file in (f for f in files if named[f] & wanted):
             constants(file, files, calls)
         return
     calls = calls_of({f for f, _ in todo}, args.tests)
