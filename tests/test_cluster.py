@@ -15,7 +15,7 @@ import pytest
 from hostile import draw_nothing, ended, measure_here
 from test_engine import Coins, rows_of
 from test_ota_eval import stable, start
-from waiting import crowd, end_of, wait_for, written
+from waiting import crowd, end_of, started, wait_for, written
 
 from radalt.core.parsing import InputError
 from radalt.core.scene import load_scene
@@ -44,13 +44,8 @@ class Processes:
     def _start(self, kind, *arguments, env):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(self.file)]
         log = (self.folder / "log.txt").open("a")
-        return subprocess.Popen(
-            [*command, "--no-dashboard", *arguments],
-            cwd=self.folder,
-            env=env,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
+        return started(
+            *command, "--no-dashboard", *arguments, cwd=self.folder, env=env, stdout=log, stderr=log
         )
 
     def add_worker(self, *arguments) -> None:
