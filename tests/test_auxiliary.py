@@ -112,9 +112,8 @@ def test_without_a_measurement_frames_pass():
     _, first, second, _ = measured(two_channels())
     canceller = radalt.AuxiliaryCancel(W)
     calm, _ = radalt.simulate(two_channels(isolation_db=60.0), overlap=0.0, frames=4, auxiliary=True)
-    canceller.process(
-        calm[:, 0], 1e-3 * calm[:, 1]
-    )  # a channel without an antenna has little noise, and no line
+    # a channel without an antenna has little noise, and no line
+    canceller.process(calm[:, 0], 1e-3 * calm[:, 1])
     np.testing.assert_array_equal(canceller.process(first, second), first)
     assert "not measured" in canceller.status()["off"]
 
