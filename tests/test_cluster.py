@@ -15,7 +15,7 @@ import pytest
 from hostile import draw_nothing, ended, measure_here
 from test_engine import Coins, rows_of
 from test_ota_eval import stable, start
-from waiting import crowd, end_of, wait_for, written
+from waiting import crowd, end_of, started, wait_for, written
 
 from radalt.core.parsing import InputError
 from radalt.core.scene import load_scene
@@ -36,6 +36,7 @@ class Processes:
         self.workers: list[subprocess.Popen] = []
         paths = [str(root / "python"), str(root / "tests"), str(root / "flowgraphs")]
         self._env = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "RADALT_TEST_WORKER": "1"}
+        self._env["DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED"] = "False"  # a sample every 10 ms
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", env=dict(os.environ))
         wait_for(written(self.file), "the scheduler's file", process=self.scheduler)
         self.address = json.loads(self.file.read_text(encoding="utf-8"))["address"]
@@ -43,13 +44,8 @@ class Processes:
     def _start(self, kind, *arguments, env):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(self.file)]
         log = (self.folder / "log.txt").open("a")
-        return subprocess.Popen(
-            [*command, "--no-dashboard", *arguments],
-            cwd=self.folder,
-            env=env,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
+        return started(
+            *command, "--no-dashboard", *arguments, cwd=self.folder, env=env, stdout=log, stderr=log
         )
 
     def add_worker(self, *arguments) -> None:

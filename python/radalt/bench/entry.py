@@ -104,9 +104,8 @@ def run(entry: Entry, frames: Frames) -> Outcome:
         path.take(frames.samples, quality, frames.index, frames.offset_s)
         results = path.results()
     diverged = 0 if path.method is None else path.method.diverged_frames
-    some = (
-        frames.samples[frames.trial][-_TIMED:] if not entry.detector else ()
-    )  # a reference has no cost to compare
+    # a reference has no cost to compare
+    some = frames.samples[frames.trial][-_TIMED:] if not entry.detector else ()
     ms, unit = np.median(list(costs(path, some)) or [(np.nan, 1.0)], axis=0)
     return Outcome(results[frames.trial], diverged, float(ms), float(ms / unit))
 

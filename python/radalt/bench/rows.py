@@ -1,8 +1,11 @@
 """Rows of the bench: one per case, overlap, level and entry, with a bit per frame for paired comparisons."""
 
+import itertools
 from pathlib import Path
+from string import hexdigits
 from typing import Any
 
+from ..core.parsing import InputError
 from ..evaluation.results.rows import Columns
 from ..evaluation.results.score import BITS, SCORE_COLUMNS, frame_columns
 from .entry import Entry, Outcome
@@ -32,5 +35,9 @@ def row_of(names: tuple[str, str], case: Case, entry: Entry, frames: Frames, out
 
 
 def read_rows(path: Path, columns: Columns = COLUMNS) -> list[Row]:
-    """`Columns.read` of rows that `radalt bench LIST` wrote."""
-    return columns.read(path, "radalt bench LIST")
+    """`Columns.read` of rows that `radalt bench LIST` wrote, with a bit per trial."""
+    rows = columns.read(path, "radalt bench LIST")
+    for row, name in itertools.product(rows, BITS if set(BITS) <= set(columns.names) else ()):
+        if len(row[name]) != -(-(row["trials"] or 0) // 8) * 2 or not set(row[name]) <= set(hexdigits):
+            raise InputError(f"{path}: {name} is not a bit per trial; make the rows with radalt bench LIST")
+    return rows

@@ -31,13 +31,10 @@ _BLURS = 0.0, 0.3, 0.7, 1.2, 1.7
 _FARTHEST_TOP = 3.0
 # Greatest extent and top over the altitude (a beam of 60 degrees; a bank of 40), and ground speed in m/s.
 _MOST_EXTENT, _MOST_TOP, _FASTEST_M_PER_S = 1.0 / 7.5, 0.4, 120.0
-_FINE, _REACH = (
-    16,
-    14.0,
-)  # points per resolution cell of a shape, and its resolution cells to either side of the edge
-_WINDOW = (
-    np.arange(-5, 9) / 4.0
-)  # resolution cells from the beginning of the rise at which powers are compared
+# Points per resolution cell of a shape, and its resolution cells to either side of the edge.
+_FINE, _REACH = 16, 14.0
+# Resolution cells from the beginning of the rise at which powers are compared.
+_WINDOW = np.arange(-5, 9) / 4.0
 _EDGES = np.arange(-20, 29) / 16.0  # nearest points that are tried, likewise
 _LEVELS = 0.6, 0.8, 1.0, 1.25  # power of a shape's top over the greatest one measured
 # Share of that power added to both: side lobes and noise.
@@ -222,15 +219,13 @@ def _shapes(window: str) -> tuple[np.ndarray, ...]:
 
 def _power(beyond: np.ndarray, extent: float, top: float, blur: float) -> np.ndarray:
     """Mean power over the range from the nearest point, at the distances of a shape."""
-    z = (
-        2.0 * np.sqrt(top * beyond) / extent
-    )  # b sqrt(u), with the top where its slope cancels that of exp(-u / L)
+    # b sqrt(u), with the top where its slope cancels that of exp(-u / L)
+    z = 2.0 * np.sqrt(top * beyond) / extent
     power = -beyond / extent + z + np.log(i0e(z))
     power = np.exp(power - power.max())
     out = np.zeros(round(2 * _REACH * _FINE) + 1)
-    for along in (
-        np.cos(np.pi * (np.arange(16) + 0.5) / 16) if blur else (0.0,)
-    ):  # of all directions on the ground
+    # of all directions on the ground
+    for along in np.cos(np.pi * (np.arange(16) + 0.5) / 16) if blur else (0.0,):
         at = np.round((beyond + blur * np.sqrt(beyond) * along + _REACH) * _FINE).astype(int)
         inside = (at >= 0) & (at < out.size)
         out += np.bincount(at[inside], power[inside], out.size)

@@ -54,9 +54,8 @@ class Tracker:
         self.evm_squared = symbols.evm_squared
         self._least = float(np.mean(np.square(np.abs(residual[train.known]))))
         self._power = self._least
-        self._rest = self._unchanged = (
-            0  # frames still to skip before the next correction; since the last change
-        )
+        # frames still to skip before the next correction; since the last change
+        self._rest = self._unchanged = 0
         self._predict(symbols.times, self._correct(self._pulse, pulses, 1.0))
 
     def track(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, slice] | None:
@@ -160,9 +159,8 @@ class Tracker:
         A delay is no change of the pulse but of the symbols' times. A pulse whose delay drifts over the frame
         corrects the symbol period; the carrier is estimated anew in each frame.
         """
-        delayed = fft.ifft(
-            fft.fft(before) * (-2j * np.pi * fft.fftfreq(before.size))
-        )  # derivative of the delay
+        # derivative of the delay
+        delayed = fft.ifft(fft.fft(before) * (-2j * np.pi * fft.fftfreq(before.size)))
         rotated = 1j * before
         gram = np.array([[np.vdot(a, b).real for b in (rotated, delayed)] for a in (rotated, delayed)])
         changes = np.stack([pulses[0] - before, pulses[1]])
