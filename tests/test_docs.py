@@ -227,9 +227,8 @@ def test_numbers_of_a_page_are_those_of_rows_or_no_results(root, page):
     assert [text for text in held if text not in packed] == []
     for text in held:
         prose = prose.replace(text, " ... ")
-    loose = [
-        m.string[max(0, m.start() - 60) : m.end() + 20] for m in MEASURED.finditer(CONDITION.sub("", prose))
-    ]
+    found = MEASURED.finditer(CONDITION.sub("", prose))
+    loose = [m.string[max(0, m.start() - 60) : m.end() + 20] for m in found]
     assert page not in PAGES or loose == []
 
 

@@ -42,6 +42,7 @@ YAML = {
     "400 digits": ("seed: 1" + "0" * 400, "at most 19 digits"),
     "float of 400 digits": ("altitude: {frames: 1" + "0" * 400 + ".0}", "altitude.frames is inf"),
     "no int": ('seed: !!int "abc"', "'abc' is no int"),
+    "timestamp": ("seed: !!timestamp soon", "could not determine a constructor"),
     "object": ("seed: !!python/object/apply:os.system ['true']", "could not determine a constructor"),
     "sexagesimal": ("altitude: {frames: 1:30}", "altitude.frames is '1:30'"),
     "nul": ('name: "a\\0b"', "control characters"),

@@ -55,7 +55,7 @@ def test_the_noise_level_is_the_mean_of_one_cell_and_lines_hardly_move_it(looks)
     assert level.mean() == pytest.approx(1.0, rel=0.005)
     if looks == 1:
         expected = np.sum(1 / np.arange(151, 302)) / np.log(2)
-    assert level.mean() == pytest.approx(expected, abs=float(level.std()) / 8)
+        assert level.mean() == pytest.approx(expected, abs=float(level.std()) / 8)
     power[:, :15] += 1e6
     assert noise_level(power, looks).mean() == pytest.approx(1.0, rel=0.08)
 

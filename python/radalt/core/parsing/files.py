@@ -87,8 +87,8 @@ def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") 
     """Content of a YAML file, by a strict reader: plain values, each key once.
 
     Errors besides invalid YAML are a key twice in one mapping (YAML keeps the last without a word), aliases (a few
-    lines of them expand to a billion values), and tags that are not YAML's own. Dates stay text, and so does 1:30, 90
-    in YAML 1.1. Raises `InputError`: file, line where there is one, what is wrong.
+    lines of them expand to a billion values), and tags other than those of JSON's types. Dates stay text, and so does
+    1:30, 90 in YAML 1.1. Raises `InputError`: file, line where there is one, what is wrong.
     """
     import yaml
 
@@ -153,6 +153,8 @@ def _loader() -> type:
     Loader.add_constructor("tag:yaml.org,2002:str", text)
     for kind in ("int", "float", "bool"):
         Loader.add_constructor(f"tag:yaml.org,2002:{kind}", number(kind))
+    for kind in ("timestamp", "binary", "set", "omap", "pairs"):
+        Loader.add_constructor(f"tag:yaml.org,2002:{kind}", yaml.SafeLoader.construct_undefined)
     Loader.yaml_implicit_resolvers = {
         first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
         for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()

@@ -346,9 +346,8 @@ class FrameSegmenter:
             moved = self._index - counted
             frame.index += moved
             if not self._judge(frame, self._verdict(frame, near=moved != 0), out):
-                self.counters["unlocked_frames"] += (
-                    len(unchecked) - number
-                )  # and the one that showed the sweep
+                # and the one that showed the sweep
+                self.counters["unlocked_frames"] += len(unchecked) - number
                 return False
         return True
 

@@ -23,9 +23,7 @@ from ...core.waveform import Waveform
 class ApproachSpec(Settings, where="approach"):
     """Figure 1: the whole approach at one interference level."""
 
-    frames: int = setting(
-        400, 0, 2_000_000
-    )  # frames measured, evenly spread over the flight; 0 leaves the part out
+    frames: int = setting(400, 0, 2_000_000)  # evenly spread over the flight; 0 leaves the part out
     sir_db: float = -15.0  # SIR, also that of the sensitivity table
     overlap: float = setting(1.0, 0.0, 1.0)  # active fraction of the frame
     chunk: int = setting(50, 1, 2_000_000)  # frames per point; methods are reset at the start of each
