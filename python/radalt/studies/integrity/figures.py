@@ -76,18 +76,18 @@ def draw_land(rows: Sequence[Row], path: Path) -> None:
         _, land, attitude = row["case"].split("/")
         at = list(LANDS).index(land), list(ATTITUDES).index(attitude)
         shares[at], events[at] = row["after_start"], row["hazardous_events"]
-    figure = new_figure(COLUMN_IN, 3.6)
+    figure = new_figure(COLUMN_IN, 4.2)
     axis = figure.subplots()
     image = axis.imshow(shares, cmap="cividis", vmin=0.0, vmax=1.0, aspect="auto")
     for (row, column), share in np.ndenumerate(shares):
         if np.isfinite(share):
             count = events[row, column]
-            text = f"{np.floor(100 * share) / 100:.2f}" + f" ({count:g}!)" * bool(count)
+            text = f"{np.floor(100 * share) / 100:.2f}" + f"\n{count:g} !" * bool(count)
             color = "black" if share > 0.5 else "white"
             axis.text(column, row, text, ha="center", va="center", fontsize=9, color=color)
     axis.set_xticks(range(len(ATTITUDES)), list(ATTITUDES), rotation=30, ha="right")
     axis.set_yticks(range(len(LANDS)), list(LANDS))
-    figure.colorbar(image, label="available after the start")
+    figure.colorbar(image, label="available after the start (!: hazardous events)")
     save_figure(figure, path)
 
 
