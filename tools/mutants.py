@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 """Which small mistakes do the tests find, and on which constants does a result depend? `make mutants` prints a table.
 
-    .venv/bin/python tools/mutants.py altimeter:120 gate, or --constants summed_block qpsk/settings
+    .venv/bin/python tools/mutants.py altimeter:120 gate
+    .venv/bin/python tools/mutants.py --constants summed_block qpsk/settings
 
 Negates a comparison, swaps + and -, or swaps `and` and `or` within a function, one at a time, and runs the tests that
 call the function, the cheapest first. A survivor is a missing test, a dear one that was left out, or a change on which
 no result depends. RADALT_MUTANTS_S is the time it takes, s (default 3600), RADALT_MUTANTS_SEED the seed of the order.
 
 With --constants each number at the top of a module, or in settings there, is set to twice, half, 100 times its value
-and 0, until one of these tests fails. What none notices goes, with its code, or gets a test. Each mutant is a fork:
-starting Python and GNU Radio anew takes longer than most tests. Programs that a test starts are not mutated.
+and 0, until one of these tests fails, in a fork; programs that a test starts are not mutated. What none notices goes.
 """
 
 from __future__ import annotations
