@@ -212,7 +212,7 @@ def test_a_wrong_list_is_one_line(tmp_path, change, said):
 
 def test_an_own_method_enters_and_rows_of_other_frames_are_refused(tmp_path, monkeypatch):
     """As a user would: the shipped methods first, then a file of one's own against their rows."""
-    monkeypatch.setenv("RADALT_REHEARSAL", "1")  # the business of test_hostile
+    monkeypatch.setenv("RADALT_TRIAL_RUN", "1")  # the business of test_hostile
     (tmp_path / "mine.py").write_text(OWN)
     few = {"extends": "standard", "seed": 5, "overlap": [1.0], "grid": {"sir_db": [-10, -20, -30, -40]}}
     few["cases"] = {"tones": {"interference": {"tones": {"count": 5}}}}

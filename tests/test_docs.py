@@ -119,9 +119,8 @@ def test_links_to_a_section_lead_to_its_only_heading(root, site):
     sections = {file for files in pages.values() for file in files[1:]}
     texts = {path.stem: path.read_text(encoding="utf-8") for path in (root / "docs").glob("*.md")}
     made = {name: text for name, text in texts.items() if name not in sections}
-    made |= {
-        files[0]: _docs_pages.page_text(title, {f: texts[f] for f in files}) for title, files in pages.items()
-    }
+    whole = _docs_pages.page_text
+    made |= {files[0]: whole(title, {f: texts[f] for f in files}) for title, files in pages.items()}
     made = {name: _docs_pages.with_links(text, pages) for name, text in made.items()}
     anchors = {}
     for name, text in made.items():

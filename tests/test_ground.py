@@ -16,9 +16,8 @@ DEGREE_M = 82_700.0  # of longitude at 42 degrees north
 def over_ground(seed: int, land, altitude_m: float, *, beam=40.0, roll=0.0, pitch=0.0, count=160):
     """Outputs over flat land at 70 m/s, after the two that a track takes to begin, and their errors."""
     antenna, grid = terrain.GaussianAntenna(beamwidth_deg=beam), terrain.GroundGrid(seed=seed)
-    radar = terrain.TerrainReturn(
-        terrain.FlatTerrain(0.0), W, antenna=antenna, ground=terrain.reflectivity(*land), grid=grid
-    )
+    flat, ground = terrain.FlatTerrain(0.0), terrain.reflectivity(*land)
+    radar = terrain.TerrainReturn(flat, W, antenna=antenna, ground=ground, grid=grid)
     frames = np.empty((count, W.samples_per_frame), dtype=np.complex64)
     for k in range(count):
         east, velocity = -88.0 + 70.0 * k * W.sweep_s / DEGREE_M, (70.0, 0.0, 0.0)

@@ -225,7 +225,7 @@ def test_hostile_method_file_gets_one_line_from_the_plan(name, tmp_path, monkeyp
     monkeypatch.setattr(trial_run, "LIMIT_S", 30.0 if "loop" not in name else 1.0)
     # what raises has its line without a trial run, too
     if name == "NaN":
-        monkeypatch.setenv("RADALT_REHEARSAL", "1")
+        monkeypatch.setenv("RADALT_TRIAL_RUN", "1")
     path = tmp_path / "m.py"
     path.write_text(FOREIGN[name][0])
     status, error = ended(ota_eval.main, "--sim", "--plan", "--methods", "none", "--method-file", path)

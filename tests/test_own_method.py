@@ -33,9 +33,9 @@ FRAMES = point_return(W, np.array([200.0, 400.0, 900.0])).astype(np.complex64)
 
 
 @pytest.fixture(autouse=True)
-def unrehearsed(monkeypatch):
+def untried(monkeypatch):
     """A method of a file is tried next to this process first: the business of test_hostile."""
-    monkeypatch.setenv("RADALT_REHEARSAL", "1")
+    monkeypatch.setenv("RADALT_TRIAL_RUN", "1")
 
 
 def small_scene(**changes):

@@ -30,6 +30,7 @@ from radalt.core.timing.segmenter import SegmenterSettings
 from radalt.core.tracker.tracker import AltitudeTracker, TrackerSettings
 from radalt.core.waveform import Waveform
 from radalt.evaluation.results.break_point import break_point
+from radalt.studies.landing.config import parse_config
 
 W, NAN = Waveform(), float("nan")
 SAW = {"shape": "sawtooth_up"}
@@ -132,6 +133,7 @@ REFUSED = [
     (lambda: options(tcae={"method": "tcae", "model": "x.onnx"}), "cannot be called 'tcae'"),
     (lambda: options(mine={"method": "fft"}), "method is 'fft'; it has to be tcae or custom"),
     (lambda: options(whitening={"waveform": 1}), "the key 'waveform', which the scene itself gives"),
+    (lambda: parse_config({"method_options": {"none": ["a"]}}), "expected a mapping of its options"),
 ]
 
 

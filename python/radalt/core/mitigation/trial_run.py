@@ -22,7 +22,7 @@ LIMIT_S = 60.0  # longest time for loading and one frame, s; a network takes a s
 # Method of each kind of file, and its option that names the file.
 _METHODS = {"method file": ("custom", "file"), "tcae model": ("tcae", "model")}
 MOST_BYTES = {"method file": 4 << 20, "tcae model": 2 << 30}
-_FLAG = "RADALT_REHEARSAL"
+_FLAG = "RADALT_TRIAL_RUN"
 # The process imports the package by the parent's name for it, since a file may name the package, too.
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; perform({link})"
 

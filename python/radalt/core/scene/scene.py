@@ -27,6 +27,21 @@ _MOST_SAMPLES = 1 << 20  # longest frame in a flowgraph, samples: 8 MB, 140 defa
 _FRAMES_HELD = 128  # frames in the buffers of a flowgraph with a few methods, for the error on memory
 
 
+def check_options(method_options: dict[str, Any]) -> None:
+    """Raise ValueError unless options of methods are mappings by name, without what the scene gives."""
+    for name, options in method_options.items():
+        if options is not None and not isinstance(options, dict):
+            raise ValueError(f"method_options.{name} is {shown(options)}; expected a mapping of its options")
+        stray = [key for key in options or {} if not isinstance(key, str)]
+        if stray:
+            raise ValueError(f"method_options.{name} has the key {shown(stray[0])}; options have names")
+        fixed = [key for key in ("waveform", "name", "max_altitude_m") if key in (options or {})]
+        if fixed:
+            raise ValueError(
+                f"method_options.{name} has the key {fixed[0]!r}, which the scene itself gives; remove it"
+            )
+
+
 @dataclass(frozen=True)
 class Scene:
     """Everything on which a run depends."""
@@ -149,19 +164,7 @@ class Scene:
             unknown = [m for m in getattr(self, key) if m not in known]
             if unknown:
                 raise ValueError(f"{key} names {shown(unknown[0])}; {allowed(unknown[0], known)}")
-        for name, options in self.method_options.items():
-            if options is not None and not isinstance(options, dict):
-                raise ValueError(
-                    f"method_options.{name} is {shown(options)}; expected a mapping of its options"
-                )
-            stray = [key for key in options or {} if not isinstance(key, str)]
-            if stray:
-                raise ValueError(f"method_options.{name} has the key {shown(stray[0])}; options have names")
-            fixed = [key for key in ("waveform", "name", "max_altitude_m") if key in (options or {})]
-            if fixed:
-                raise ValueError(
-                    f"method_options.{name} has the key {fixed[0]!r}, which the scene itself gives; remove it"
-                )
+        check_options(self.method_options)
 
     def _name_methods(self) -> None:
         """Register methods under the user's names: ``method_options: {mine: {method: tcae, model: my.onnx}}``."""

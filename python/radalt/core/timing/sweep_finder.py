@@ -71,11 +71,8 @@ class SweepFinder:
     def delay_samples(self, frame: np.ndarray) -> float | None:
         """Delay in samples at which `locate` finds the strongest line of one frame (N,), near zero, or None."""
         found = self._fine.process(frame[None])[0]
-        return (
-            float(altitude_to_delay_s(found["altitude_m"])) * self.waveform.rate_hz
-            if found["valid"]
-            else None
-        )
+        delay_s = float(altitude_to_delay_s(found["altitude_m"]))
+        return delay_s * self.waveform.rate_hz if found["valid"] else None
 
     def correlate(self, frame: np.ndarray, sent: float = 0.0) -> tuple[int, float, float]:
         """Circular correlation of one frame with the sweep, halves added in power.

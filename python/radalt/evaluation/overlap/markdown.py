@@ -171,7 +171,7 @@ def glance(rows: Sequence[Row]) -> str:
             )
         # at overlap 0 one measurement serves all panels
         clear = pool(list({r["snr_db"]: r for r in mine if not r["overlap"]}.values()))
-        times = [r["ms_per_frame_median"] for r in mine if r["ms_per_frame_median"] is not None]
+        times = [t for r in with_interference(mine) if (t := r["ms_per_frame_median"]) is not None]
         lines.append(
             [
                 name,
@@ -230,12 +230,12 @@ def _methods(report: dict[str, Any]) -> str:
     """Times, divergence and model of every method."""
     lines = []
     for method, mine in series_of(report["rows"]).items():
-        medians = sorted(r["ms_per_frame_median"] for r in mine)
+        medians = [r["ms_per_frame_median"] for r in with_interference(mine)]
         worst = max(r["ms_per_frame_p99"] for r in mine)
         known = report["methods"].get(method, {})
         model = f"{known['model']} `{known['sha256'][:12]}`" if "sha256" in known else ""
         model += " (placeholder)" if known.get("placeholder") else ""
         diverged = sum(r["diverged_frames"] for r in mine)
-        lines.append([method, f"{medians[len(medians) // 2]:.2f}", f"{worst:.2f}", diverged, model])
+        lines.append([method, f"{np.median(medians):.2f}", f"{worst:.2f}", diverged, model])
     header = ["method", "median ms per frame", "99th percentile, worst point", "frames diverged", "model"]
     return table(header, lines)

@@ -40,11 +40,8 @@ def _arguments(parser: Parser) -> None:
     parser.option("--sir-db", "SIR of the approach and the sensitivity table", number(float, -200, 20))
     parser.option("--methods", "comma-separated, e.g. none,whitening,tcae")
     parser.option("--frames", "frames of the approach; 0 leaves it out", number(int, 0, 2_000_000))
-    parser.option(
-        "--sensitivity-trials",
-        "frames per row of the sensitivity table; 0: no table",
-        number(int, 0, 1_000_000),
-    )
+    words = "frames per row of the sensitivity table; 0: no table"
+    parser.option("--sensitivity-trials", words, number(int, 0, 1_000_000))
     what = "of scatterers, noise and interference (default: the study's)"
     parser.option("--seed", what, number(int, 0, MAX_SEED))
 

@@ -15,6 +15,7 @@ from ...core.parsing import InputError, Settings, build, load_yaml, plain, setti
 from ...core.returns.landing import LandingSpec
 from ...core.returns.terrain import AircraftState, Trajectory, reflectivity
 from ...core.scene import interference_from_yaml, interferer_to_mapping
+from ...core.scene.scene import check_options
 from ...core.text import one_line
 from ...core.waveform import Waveform
 
@@ -57,6 +58,7 @@ class LandingConfig(LandingSpec, Settings, where="landing"):
         super().__post_init__()
         if not self.methods:
             raise ValueError("methods is empty; name at least one, such as none")
+        check_options(self.method_options)
 
     @property
     def flown(self) -> Trajectory:
