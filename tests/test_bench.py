@@ -179,7 +179,7 @@ def test_entries_have_their_own_altimeter_and_take_turns(tmp_path):
     assert ended(command.main, *words, "--out", out) == (0, "")
     assert_whole(out / "report.md", None)
     page = (out / "report.md").read_text("utf-8")
-    assert "## Cost" in page and "## Break-points" in page and "| none_hann |" in page
+    assert "## Cost" in page and "](break_points.png)" in page and "| none_hann |" in page
     clean = {r["entry"]: r["rmse_forced_m"] for r in read_rows(out / "rows.csv") if r["case"] == "clean"}
     assert clean["none_hann"] > 1.2 * clean["none"]  # a taper costs accuracy
     words = ["detection", "--cases", "tones", "--frames", "36", "--jobs", "1", "--methods", "none,textbook"]

@@ -1,6 +1,7 @@
 """The board: an entry of one's own among the stored rows of the shipped methods."""
 
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 
 from ..core.mitigation import METHODS
@@ -13,9 +14,8 @@ from .paired import curves, held, paired
 from .rows import Row, read_rows
 
 _UNLIKE = 0.01  # largest share of frames that ``none`` may judge unlike the stored rows: last bits of other machines
-_LIVE_FFTS = (
-    40.0  # cost up to which a method and the altimeter keep up with 1 ms frames: two cores, FFT of 40 us
-)
+# Cost up to which a method and the altimeter keep up with 1 ms frames: two cores, FFT of 40 us
+_LIVE_FFTS = 40.0
 
 
 def stored_rows(name: str) -> Path:
@@ -41,10 +41,11 @@ def check_rows(mine: Sequence[Row], stored: Sequence[Row]) -> tuple[int, int]:
             f"rows of list {', '.join(sorted(digests[0]))} and of list {', '.join(sorted(digests[1]))} cannot be "
             "compared; run the list as it is, with its frames"
         )
-    theirs = {_key(row): row for row in stored if row["entry"] == "none"}
+    level = itemgetter("case", "overlap", "sir_db")
+    theirs = {level(row): row for row in stored if row["entry"] == "none"}
     unlike = compared = 0
     for row in (row for row in mine if row["entry"] == "none"):
-        other = theirs.get(_key(row))
+        other = theirs.get(level(row))
         if other is None:
             continue
         if other["seed"] != row["seed"] or other["trials"] != row["trials"]:
@@ -60,10 +61,6 @@ def check_rows(mine: Sequence[Row], stored: Sequence[Row]) -> tuple[int, int]:
             "use the version that made them, or run all methods anew"
         )
     return unlike, compared
-
-
-def _key(row: Row) -> tuple[str, float, float]:
-    return row["case"], row["overlap"], row["sir_db"]
 
 
 def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
@@ -83,12 +80,7 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
         best = max(shipped, key=lambda entry: shipped[entry])
         gain, over_none = paired(curve, theirs[where][best]), paired(curve, theirs[where]["none"])
         ahead, behind = ahead + (gain[1] > 0), behind + (gain[2] < 0)
-        cells = [
-            f"{held(curve):.1f}",
-            f"{best} {shipped[best]:.1f}",
-            _interval(gain),
-            _interval(over_none),
-        ]
+        cells = [f"{held(curve):.1f}", f"{best} {shipped[best]:.1f}", _interval(gain), _interval(over_none)]
         lines.append([f"{where[0]}, {where[1]:g}", *cells])
     rows = [row for by in ours.values() for row in by[name]]
     total, ffts = pool(rows), sorted(row["ffts"] for row in rows)[len(rows) // 2]

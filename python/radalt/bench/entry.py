@@ -50,9 +50,7 @@ class Entry:
             raise InputError(f"{where}.{name}.detector is {shown(keys['detector'])}; allowed: textbook")
         wrong = [key for key in ("options", "altimeter") if not isinstance(keys.get(key) or {}, dict)]
         if wrong:
-            raise InputError(
-                f"{where}.{name}.{wrong[0]} is {shown(keys[wrong[0]])}; expected a mapping of keys"
-            )
+            raise InputError(f"{where}.{name}.{wrong[0]} is {shown(keys[wrong[0]])}; give a mapping of keys")
         options, altimeter = (dict(keys.get(key) or {}) for key in ("options", "altimeter"))
         try:
             build(AltimeterSettings, altimeter, f"{where}.{name}.altimeter")

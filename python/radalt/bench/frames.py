@@ -22,9 +22,7 @@ class Frames:
     index: np.ndarray  # (n,) int: frame numbers
     offset_s: np.ndarray  # (n,) float: timing that the segmenter found
     trial: np.ndarray  # (n,) bool
-    truth_m: (
-        np.ndarray
-    )  # (trials,) float: altitudes of the trials; infinite without a return, where none is right
+    truth_m: np.ndarray  # (trials,) float: altitudes; infinite without a return, where none is right
     lost: int  # trials that the segmenter did not give
 
 
@@ -37,23 +35,11 @@ def frames_of(case: Case, level_db: float | None) -> Frames:
     index = np.array([frame.index for frame in kept], dtype=int)
     trial = programme.is_trial(index)
     if not trial.any():
-        raise RuntimeError(
-            f"{case.name}: no frame was segmented; look at channel.start_offset_samples and the SNR"
-        )
+        raise RuntimeError(f"{case.name}: no frame segmented; see channel.start_offset_samples and the SNR")
     samples = np.stack([frame.samples for frame in kept])
-    return Frames(
-        scene=scene,
-        samples=samples,
-        index=index,
-        offset_s=np.array([frame.offset_s for frame in kept]),
-        trial=trial,
-        quality=FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(samples),
-        truth_m=_truth_m(scene, index[trial]),
-        lost=programme.trial_frames - int(np.count_nonzero(trial)),
-    )
-
-
-def _truth_m(scene: Scene, index: np.ndarray) -> np.ndarray:
-    if scene.return_model == "none":
-        return np.full(index.size, np.inf)
-    return np.asarray(scene.altitude.programme.altitude_m(index))
+    quality = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(samples)
+    offset_s = np.array([frame.offset_s for frame in kept])
+    alone = scene.return_model == "none"
+    truth_m = np.full(trial.sum(), np.inf) if alone else np.asarray(programme.altitude_m(index[trial]))
+    lost = programme.trial_frames - int(np.count_nonzero(trial))
+    return Frames(scene, samples, quality, index, offset_s, trial, truth_m, lost)

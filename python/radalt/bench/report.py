@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.altimeter.altimeter import shared_altimeter
 from ..evaluation.results.page import write_result
-from .views import (
-    break_points,
-    draw_curves,
-    draw_held,
-    false_altitudes,
-    levels,
-    summaries,
-    summary_table,
-    turns_table,
-)
+from . import views
 
 if TYPE_CHECKING:
     from ..evaluation.engine.study import Run
@@ -33,20 +24,22 @@ def write_report(
     without = {case.name for case in study.cases.cases if case.scene.return_model == "none"}
     rows = [row for row in tables["rows"] if row["case"] not in without]
     null = [row for row in tables["rows"] if row["case"] in without]
-    summary = summaries(rows, entries, tables["turns"]) if rows else {}
+    summary = views.summaries(rows, entries, tables["turns"]) if rows else {}
     if any(math.isfinite(found["held_db"]) for found in summary.values()):
-        draw_held(summary, folder.path / "error_vs_runtime.png")
-        draw_curves(rows, entries, folder.path / "pd.png", study.cases)
+        views.draw_held(summary, folder.path / "error_vs_runtime.png")
+        views.draw_levels(rows, entries, folder.path / "break_points.png", study.cases)
+        views.draw_curves(rows, entries, folder.path / "pd.png", study.cases)
     else:  # no case has two levels: nothing is held
         summary = {}
     values = {
         "title": study.cases.title or study.cases.name,
-        "breaks": break_points(rows, entries),
-        "levels": levels(rows, entries),
-        "summary": summary_table(summary) if summary else "",
+        "drawn": (folder.path / "break_points.png").is_file(),
+        "breaks": views.break_points(rows, entries),
+        "levels": views.levels(rows, entries),
+        "summary": views.summary_table(summary) if summary else "",
         "headline": _headline(summary),
-        "turns": turns_table(tables["turns"]) if tables["turns"] else "",
-        "null": false_altitudes(null, _bounds(study)) if null else "",
+        "turns": views.turns_table(tables["turns"]) if tables["turns"] else "",
+        "null": views.false_altitudes(null, _bounds(study)) if null else "",
         "digest": study.cases.digest,
     }
     template = Path(__file__).with_name("report.md.j2")

@@ -35,7 +35,7 @@ class BenchStudy(Study):
     salt: str = ""
     via: str = "direct"
     stored: Path | None = (
-        None  # rows that are given instead of measured ones; its folder `turns` has those of the cost
+        None  # rows given instead of measured ones; those of the cost are in its folder `turns`
     )
     tables: ClassVar[dict[str, Columns]] = {"rows": COLUMNS, "turns": TURN_COLUMNS}
     cases: CaseList = field(init=False, repr=False, compare=False)
@@ -60,10 +60,8 @@ class BenchStudy(Study):
     def points(self) -> list[BenchPoint]:
         """See `Study.points`: a point per case and overlap, since an entry stops after levels that failed."""
         points = [
-            BenchPoint(
-                f"{case.name}, overlap {case.overlap:g}", case.trials * len(case.levels_db), "rows", number
-            )
-            for number, case in enumerate(self.cases.cases)
+            BenchPoint(f"{c.name}, overlap {c.overlap:g}", c.trials * len(c.levels_db), "rows", number)
+            for number, c in enumerate(self.cases.cases)
         ]
         if self.cases.turns:
             points.append(BenchPoint("cost by turns", self.cases.turns * 8 * len(points), "turns"))

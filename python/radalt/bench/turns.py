@@ -43,14 +43,10 @@ def turn_rows(
             ms = np.array(spent)[:, 0]
             memory_bytes, start_ms, model_bytes = found[entry]
             mid, most = float(np.median(ms)), float(np.percentile(ms, 99))
-            yield TURN_COLUMNS.row(
-                {
-                    "entry": entry.name,
-                    "case": f"{case.name}, {case.overlap:g}",
-                    **{"ms": mid, "ms_p99": most, "ffts": mid / unit, "ffts_p99": most / unit},
-                    **{"memory_bytes": memory_bytes, "start_ms": start_ms, "model_bytes": model_bytes},
-                }
-            )
+            where = {"entry": entry.name, "case": f"{case.name}, {case.overlap:g}"}
+            cost = {"ms": mid, "ms_p99": most, "ffts": mid / unit, "ffts_p99": most / unit}
+            sizes = {"memory_bytes": memory_bytes, "start_ms": start_ms, "model_bytes": model_bytes}
+            yield TURN_COLUMNS.row(where | cost | sizes)
 
 
 def started(

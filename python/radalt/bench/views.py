@@ -1,13 +1,16 @@
 """Views of rows: the tables and figures of a run's report."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..evaluation.overlap.figures import draw_pd
-from ..evaluation.results.break_point import break_point_of
+from ..evaluation.results.break_point import BREAK_PD, BreakPoint, break_point_of
+from ..evaluation.results.figure import new_figure, save_figure
 from ..evaluation.results.pareto import draw_pareto
 from ..evaluation.results.proportion import clopper_pearson, clopper_pearson_bound
 from ..evaluation.results.rows import grouped
@@ -19,42 +22,41 @@ from .rows import Row
 
 _LEAST_FRAMES = 36  # frames below which no Pd can be shown to be 0.9: 36 of 36 have a lower bound of 0.904
 _MOST = 40  # lines up to which a table is of use
-_LEVELS = 3  # of a case from which decibels are held: two are points, not a curve
+_LEVELS = 3  # of a case from which decibels are held and break: two are points, not a curve
 _PANELS = 15  # panels of a figure: the first ones; the table has all
 _LINES = 8  # entries in a panel
+_COLUMNS = 7  # cases next to each other in a page's width
+_LEVEL = ("case", "overlap", "sir_db", "snr_db")
+
+
+def _found(rows: Sequence[Row], entries: Sequence[str]) -> dict[tuple[str, float], dict[str, BreakPoint]]:
+    """By (case, overlap) and entry, of cases that have three levels or more; too few frames give no break-point."""
+    out = {}
+    for at, by in curves(rows).items():
+        if len({level_db(row) for curve in by.values() for row in curve}) >= _LEVELS:
+            mine = {n: by[n] for n in entries if n in by and by[n][0]["trials"] >= _LEAST_FRAMES}
+            axes = {n: "snr_db" if curve[0]["sir_db"] is None else "sir_db" for n, curve in mine.items()}
+            out[at] = {n: break_point_of(curve, axes[n]) for n, curve in mine.items()}
+    return {at: by for at, by in out.items() if by}
 
 
 def break_points(rows: Sequence[Row], entries: Sequence[str]) -> str:
-    """Table of break-points of the cases that have three levels or more; too few frames give no break-point."""
+    """Table of break-points with their intervals."""
     lines = []
-    for (case, overlap), by in curves(rows).items():
-        levels = {(row["sir_db"], row["snr_db"]) for curve in by.values() for row in curve}
-        if len(levels) < 3:
-            continue
-        axis = "snr_db" if any(sir is None for sir, _ in levels) else "sir_db"
-        cells = []
-        for name in entries:
-            found = by.get(name)
-            if not found or found[0]["trials"] < _LEAST_FRAMES:
-                cells.append("")
-                continue
-            at = break_point_of(found, axis)
-            cells.append(f"{at} ({at.low_db:.1f} to {at.high_db:.1f})")
-        if any(cells):
-            lines.append([case, f"{overlap:g}", *cells])
+    for (case, overlap), by in _found(rows, entries).items():
+        cells = {name: f"{at} ({at.low_db:.1f} to {at.high_db:.1f})" for name, at in by.items()}
+        lines.append([case, f"{overlap:g}", *(cells.get(name, "") for name in entries)])
     return table(["case", "overlap", *entries], lines) if lines else ""
 
 
 def levels(rows: Sequence[Row], entries: Sequence[str]) -> str:
     """A line per case and level: Pd / wrong and valid, per cent / RMSE of forced decisions; "" for too many lines."""
-    places: dict[tuple[str, float, float | None, float | None], dict[str, Row]] = {}
-    for row in rows:
-        place = row["case"], row["overlap"], row["sir_db"], row["snr_db"]
-        places.setdefault(place, {})[row["entry"]] = row
+    places = grouped(rows, *_LEVEL)
     if not 0 < len(places) <= _MOST:
         return ""
     lines = []
-    for (case, overlap, sir_db, snr_db), by in places.items():
+    for (case, overlap, sir_db, snr_db), mine in places.items():
+        by = {row["entry"]: row for row in mine}
         where = [case, f"{overlap:g}", number(sir_db, 1), number(snr_db, 1)]
         lines.append([*where, *(_cell(by.get(name)) for name in entries)])
     return table(["case", "overlap", "SIR / dB", "SNR / dB", *entries], lines)
@@ -78,10 +80,16 @@ def false_altitudes(rows: Sequence[Row], bounds: Mapping[str, float]) -> str:
         low, high = clopper_pearson(false, trials)
         most = max(mine, key=lambda row: row["detections"] / row["trials"])
         inr = "" if most["sir_db"] is None else f", INR {most['snr_db'] - most['sir_db']:g} dB"
-        worst = ""
-        if false:
-            worst = f"{most['detections']} of {most['trials']} ({most['case']}, {most['overlap']:g}{inr})"
-        lines.append([name, f"{false} of {trials}", f"{low:.2g} to {high:.2g}", worst, f"{bounds[name]:.3g}"])
+        worst = f"{most['detections']} of {most['trials']} ({most['case']}, {most['overlap']:g}{inr})"
+        lines.append(
+            [
+                name,
+                f"{false} of {trials}",
+                f"{low:.2g} to {high:.2g}",
+                worst if false else "",
+                f"{bounds[name]:.3g}",
+            ]
+        )
     head = ["entry", "false altitudes", "rate, 95 %", "most at one level", "white noise, by design at most"]
     return table(head, lines)
 
@@ -95,11 +103,12 @@ def summaries(
     entry ran, and (``all_``) at all of its own: an entry that stops early has the easy ones only.
     """
     found, by_entry, timed, out = curves(rows), grouped(rows, "entry"), grouped(turns, "entry"), {}
-    common = set.intersection(*({_level(row) for row in by_entry.get(name, ())} for name in entries))
+    level = itemgetter(*_LEVEL)
+    common = set.intersection(*({level(row) for row in by_entry.get(name, ())} for name in entries))
     for name in entries:
         mine = by_entry.get(name, [])
         each = [held(by[name]) for by in found.values() if len(by.get(name, ())) >= _LEVELS]
-        shared, own = pool([row for row in mine if _level(row) in common]), pool(mine)
+        shared, own = pool([row for row in mine if level(row) in common]), pool(mine)
         cost = timed.get(name, mine)
         out[name] = {
             "held_db": float(np.mean(each)) if each else float("nan"),
@@ -108,10 +117,6 @@ def summaries(
             **{key: float(np.median([row[key] or np.nan for row in cost])) for key in ("ms", "ffts")},
         }
     return out
-
-
-def _level(row: Row) -> tuple[str, float, float | None, float | None]:
-    return row["case"], row["overlap"], row["sir_db"], row["snr_db"]
 
 
 def turns_table(turns: Sequence[Mapping[str, Any]]) -> str:
@@ -141,32 +146,61 @@ def summary_table(summary: Mapping[str, Mapping[str, float]]) -> str:
     for name in order:
         s = summary[name]
         counts = [(int(s[f"{of}wrong"]), int(s[f"{of}trials"])) for of in ("", "all_")]
-        lines.append(
-            [
-                name,
-                number(s["held_db"], 1),
-                *(
-                    f"{wrong} of {trials} ({clopper_pearson_bound(wrong, trials):.2g})"
-                    for wrong, trials in counts
-                ),
-                "" if np.isnan(s["ms"]) else f"{s['ms']:.2f}",
-                "" if np.isnan(s["ffts"]) else f"{s['ffts']:.0f}",
-            ]
-        )
+        rates = (f"{wrong} of {of} ({clopper_pearson_bound(wrong, of):.2g})" for wrong, of in counts)
+        ms, ffts = ("" if np.isnan(s[key]) else f"{s[key]:.{n}f}" for key, n in (("ms", 2), ("ffts", 0)))
+        lines.append([name, number(s["held_db"], 1), *rates, ms, ffts])
     head = ["entry", "held / dB", "wrong and valid (95 % bound), levels of all", "at all its own levels"]
-    head += ["ms per frame", "FFTs per frame"]
-    return table(head, lines)
+    return table([*head, "ms per frame", "FFTs per frame"], lines)
 
 
 def draw_held(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
     """Decibels held against cost per frame, every entry named, with the front."""
-    points = {
-        name: (s["ffts"], s["held_db"])
-        for name, s in summary.items()
-        if np.isfinite(s["held_db"] + s["ffts"])
-    }
+    every = {name: (s["ffts"], s["held_db"]) for name, s in summary.items()}
+    points = {name: point for name, point in every.items() if np.isfinite(point).all()}
     cost = "CPU per frame, method and altimeter, one at a time / FFTs of the frame"
     draw_pareto(points, path, cost=cost, gain="held / dB, mean of cases", verb="holds most")
+
+
+def draw_levels(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: CaseList) -> None:
+    """Break-points with intervals, a panel per case at its fullest overlap, a row per entry; an arrow: it holds on.
+
+    Filled are the entries that carry furthest, or whose interval reaches the one that does.
+    """
+    found = _found([row for row in rows if row["sir_db"] is not None], entries)
+    full = {case: by for (case, _), by in sorted(found.items(), key=lambda item: item[0][1])}
+    panels = [(case.title, full.pop(case.name)) for case in cases.cases if case.name in full][:_COLUMNS]
+    names = [name for name in entries if panels and all(name in by for _, by in panels)]
+    if len(names) < 2:
+        return
+    reach = [min(by[name].sir_db for name in names) for _, by in panels]
+    furthest = {n: [by[n].low_db <= end for (_, by), end in zip(panels, reach, strict=True)] for n in names}
+    names.sort(key=lambda name: (-sum(furthest[name]), sum(by[name].sir_db for _, by in panels)))
+    figure = new_figure(7.8, 1.9 + 0.2 * len(names))
+    axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    for k, (axis, (title, by)) in enumerate(zip(axes, panels, strict=True)):
+        for y, at in enumerate(by[name] for name in names):
+            best = furthest[names[y]][k]
+            colour = "#0072B2" if best else "0.4"
+            axis.plot([at.low_db, at.high_db], [y, y], color=colour, lw=1.5)
+            axis.plot(at.sir_db, y, "o", color=colour, mfc=colour if best else "white", ms=5)
+            if at.mark:
+                style = {"arrowstyle": "->", "color": colour, "shrinkA": 2, "shrinkB": 0}
+                beyond = at.sir_db + {"<=": -9, ">=": 9}[at.mark]
+                axis.annotate("", (beyond, y), (at.sir_db, y), arrowprops=style)
+        axis.set_title(textwrap.fill(title, 13), fontsize=8.5)
+        axis.grid(color="0.9")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.tick_params(labelsize=8.5, left=False)
+    ends = [end for _, by in panels for at in by.values() for end in (at.low_db, at.high_db)]
+    axes[0].set(xlim=(max(ends) + 4, min(ends) - 10), ylim=(len(names) - 0.5, -0.5))
+    axes[0].locator_params(axis="x", nbins=4, steps=[1, 2, 10])
+    axes[0].set_yticks(range(len(names)), names)
+    count = f"{sum(furthest[names[0]])} of {len(panels)} cases"
+    figure.suptitle(f"{names[0]} carries furthest, or as far, in {count}", fontsize=11)
+    below = f"SIR / dB down to which Pd is {BREAK_PD:g} at the case's largest overlap, with 95 % interval\n"
+    below += "filled: furthest, or the interval reaches the furthest; arrow: it holds at the end of the list"
+    figure.supxlabel(below, fontsize=9)
+    save_figure(figure, path)
 
 
 def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: CaseList) -> None:
@@ -182,4 +216,4 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: 
     titled = {name: title for title, name in {c.title: c.name for c in cases.cases}.items()}  # one per title
     if of:
         drawn = [row | {"interference": titled.get(row["case"], row["case"])} for row in of]
-        draw_pd(drawn, path, title=cases.title, against="sir_db")
+        draw_pd(drawn, path, title=f"Pd over the level, list {cases.name}", against="sir_db")

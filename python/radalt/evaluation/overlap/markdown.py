@@ -117,7 +117,10 @@ def against(rows: Sequence[Row], best: str) -> str:
             shown = [NOT_MEASURED] * 2
             if found is not None:
                 frames, difference, low, high = found
-                shown = [str(frames), f"{difference:+.3f} ({low:+.3f} to {high:+.3f})"]
+                apart = (
+                    f"{difference:+.3f} ({low:+.3f} to {high:+.3f})" if any(found[1:]) else "no frame differs"
+                )
+                shown = [str(frames), apart]
             lines.append([best, name, *shown])
     return table(["A", "B", "frames of both", "Pd of A less that of B"], lines)
 
