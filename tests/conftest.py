@@ -15,9 +15,9 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.pop("CI", None)
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each program under test compiles the package again
 
-# A script's background job (`make test &`) starts with Ctrl-C ignored, and hands that on to the programs under test.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A script's `make test &` starts with Ctrl-C ignored, and hands that on. A terminated run ends what it has started.
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
 # `radalt` and `gnuradio.radalt` from python/, programs as modules from the other folders.
