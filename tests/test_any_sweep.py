@@ -69,8 +69,7 @@ UNCHECKED = {"shift_check": False, "skip_white": False}
 @pytest.mark.parametrize("sir_db", [-30.0, -45.0])
 def test_at_the_default_sweep_it_is_as_good_as_the_network_of_that_alone(root, sir_db):
     altitude_m, frames = scene(OWN, 40, 3)
-    rng = np.random.default_rng(6)
-    qpsk = [Interferer(QpskEmitter(pulse="rrc"), sir_db, 0.5)]
+    qpsk, rng = [Interferer(QpskEmitter(pulse="rrc"), sir_db, 0.5)], np.random.default_rng(6)
     frames = frames + interference_frames(qpsk, *frames.shape, OWN.rate_hz, rng)
     other = create("tcae", OWN, model=root / "models/any_sweep.onnx", **UNCHECKED).process(frames)
     own = create("tcae", OWN).process(frames)
@@ -80,8 +79,7 @@ def test_at_the_default_sweep_it_is_as_good_as_the_network_of_that_alone(root, s
 @pytest.mark.parametrize("waveform", OTHERS)
 def test_of_noise_it_makes_no_altitudes(waveform):
     """Frames without a return were in its training: unchecked it declares no more than the altimeter alone may."""
-    rng = np.random.default_rng(12)
-    noise = white(rng, 100, waveform.samples_per_frame)
+    noise = white(np.random.default_rng(12), 100, waveform.samples_per_frame)
     cleaned = create("tcae", waveform, **UNCHECKED).process(noise.astype(np.complex64))
     altimeter = Altimeter(waveform)
     most = binom.ppf(0.999, 100, altimeter.false_alarms_per_frame)
@@ -105,8 +103,7 @@ def test_without_interference_every_altitude_stays(waveform):
 def test_shaped_qpsk_is_removed_where_none_is_blind(waveform, sir_db):
     altitude_m, frames = scene(waveform, 20, 4)
     emitter = QpskEmitter(bandwidth_hz=0.267 * waveform.bandwidth_hz, pulse="rrc")
-    rng = np.random.default_rng(5)
-    jammer = [Interferer(emitter, sir_db, 0.3)]
+    jammer, rng = [Interferer(emitter, sir_db, 0.3)], np.random.default_rng(5)
     frames = frames + interference_frames(jammer, *frames.shape, waveform.rate_hz, rng)
     cleaned = create("tcae", waveform, shift_check=False).process(frames)
     assert correct(waveform, frames, altitude_m) < 0.5

@@ -69,8 +69,7 @@ def test_blanking_excises_the_burst_and_passes_the_rest_of_the_frame():
     cleaned = create("blanking", W).process(frames)
     burst, quiet = slice(3800, 4450), slice(200, 3000)
     assert np.mean(np.abs(cleaned[:, burst]) ** 2) < 0.02 * np.mean(np.abs(frames[:, burst]) ** 2)
-    difference = np.mean(np.abs(cleaned[:, quiet] - frames[:, quiet]) ** 2)
-    assert difference < 0.1  # of a return of power 1
+    assert np.mean(np.abs(cleaned - frames)[:, quiet] ** 2) < 0.1  # of a return of power 1
 
 
 # -- the time-frequency plane, before and after dechirping -------------------------------------------------------------
@@ -84,6 +83,16 @@ def test_excision_after_dechirping_removes_a_crossing_and_a_burst_and_nothing_el
         assert correct(frames, altitudes).mean() < 0.5
     frames, altitudes = scene(60, None, 32)
     assert correct(method.process(frames), altitudes).all()
+
+
+def test_a_gap_is_refilled_with_the_return_of_the_rest_of_the_sweep():
+    """Another chirp, 20 dB above the return, is cut out of a third of a half sweep: zeros would leave no return."""
+    altitude_m = np.linspace(50.0, 1400.0, 30)
+    frames = (clean := point_return(W, altitude_m)).copy()
+    frames[:, 1200:2300] += 10.0 * point_return(W, altitude_m[::-1])[:, 1200:2300]
+    for name, options, least in (("imat", {}, 0.45), ("stft_cfar", {"fill": "burg"}, 0.8)):
+        cleaned = create(name, W, **options).process(frames)
+        assert np.mean((cleaned * clean.conj()).real[:, 1250:2250]) > least
 
 
 @pytest.mark.parametrize(
@@ -168,8 +177,7 @@ def test_linear_prediction_divides_by_the_spectrum_of_its_model():
     gain = np.divide(*(np.mean(np.abs(np.fft.fft(x)) ** 2, axis=0) for x in (cleaned, frames)))
     wanted = np.abs(np.fft.fft(coefficients, 7500)) ** 2
     smooth = [np.convolve(np.log(v), np.ones(75) / 75, "same")[100:-100] for v in (gain, wanted)]
-    difference = smooth[0] - smooth[1]
-    assert np.ptp(difference) < 0.6  # both over 20 dB
+    assert np.ptp(smooth[0] - smooth[1]) < 0.6  # both over 20 dB
 
 
 # -- block LMS: stability as theory has it ----------------------------------------------------------------------------
@@ -216,8 +224,7 @@ def test_block_lms_diverges_where_theory_says(power):
     method = create("lms", W)
     out = method.process(np.tile(tone.astype(np.complex64), (3, 1)))
     stable = 1e-4 * 32 * 100 * power < 2
-    assert method.diverged_frames == (0 if stable else 3)
-    assert method.status()["diverged_frames"] == method.diverged_frames
+    assert method.status()["diverged_frames"] == method.diverged_frames == (0 if stable else 3)
     assert np.isfinite(out.view(np.float32)).all()
 
 
@@ -240,8 +247,7 @@ def test_lms_with_the_reference_as_input_and_nlms_never_diverge(name, sir_db):
     frames, _ = scene(10, Interferer(QpskEmitter(), sir_db), 7)
     method = create(name, W)
     out = method.process(frames)
-    assert method.diverged_frames == 0
-    assert np.isfinite(out.view(np.float32)).all()
+    assert method.diverged_frames == 0 and np.isfinite(out.view(np.float32)).all()
 
 
 @pytest.mark.filterwarnings("error")
@@ -345,8 +351,7 @@ def test_shift_check_lets_returns_pass_at_any_altitude(fake, interferer):
     frames, altitudes = scene(40, interferer, 12)
     method = fake(lambda planes: planes)
     assert correct(method.process(frames), altitudes).mean() >= 0.95
-    assert method.unconfirmed_frames <= 1
-    assert method.status()["shift_check"] is True
+    assert method.unconfirmed_frames <= 1 and method.status()["shift_check"] is True
 
 
 @pytest.mark.parametrize("interferer", [None, Interferer(QpskEmitter(), -20.0)])
@@ -356,7 +361,6 @@ def test_shift_check_silences_a_network_that_invents(fake, interferer, altitude_
     frames = frames[np.abs(altitudes - altitude_m) > 30.0]
     method = fake(false_return(altitude_m))
     result = ALTIMETER.process(method.process(frames))
-    assert not result["valid"].any()
     assert (result["reason"] == Reason.NO_SIGNAL).all()
     assert method.unconfirmed_frames == method.status()["unconfirmed_frames"] == len(frames)
     trusting = fake(false_return(altitude_m), shift_check=False)
@@ -475,8 +479,7 @@ def test_a_frame_that_is_not_finite_does_not_touch_the_next(name):
 def test_a_batch_may_be_split_or_empty_its_input_is_left_alone_and_reset_forgets_it(name):
     frames, _ = scene(6, Interferer(QpskEmitter(), -3.0, 0.5), 10)
     before = frames.copy()
-    whole = create(name, W)
-    split = create(name, W)
+    whole, split = create(name, W), create(name, W)
     expected = whole.process(frames)
     parts = split.process(frames[:1]), split.process(frames[1:4]), split.process(frames[4])[None]
     got = np.concatenate([*parts, split.process(frames[5:])])
@@ -540,4 +543,4 @@ def test_nothing_comes_through_at_the_seam(method):
     rng = np.random.default_rng(22)
     tone = 100.0 * np.exp(2j * np.pi * 0.1234567 * np.arange(7500)) + rng.standard_normal(15000).view(complex)
     cleaned = create(method, W).process(tone[None].astype(np.complex64))[0]
-    assert cleaned[0] == 0 and cleaned[-1] == 0 and np.any(cleaned[200:-200])
+    assert np.abs(cleaned).max() < 5.0 * np.std(cleaned) and np.count_nonzero(cleaned) > 0.985 * cleaned.size
