@@ -14,8 +14,7 @@ from .paired import curves, held, paired
 from .rows import Row, read_rows
 
 _UNLIKE = 0.01  # largest share of frames that ``none`` may judge unlike the stored rows: last bits of other machines
-# Cost up to which a method and the altimeter keep up with 1 ms frames: two cores, FFT of 40 us
-_LIVE_FFTS = 40.0
+_LIVE_FFTS = 40.0  # cost that keeps up with frames of 1 ms: method and altimeter, two cores, FFT of 40 us
 
 
 def stored_rows(name: str) -> Path:

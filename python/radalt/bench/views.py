@@ -141,9 +141,8 @@ def turns_table(turns: Sequence[Mapping[str, Any]]) -> str:
 
 def summary_table(summary: Mapping[str, Mapping[str, float]]) -> str:
     """The entries, those that hold most first."""
-    order = sorted(summary, key=lambda name: -np.nan_to_num(summary[name]["held_db"], nan=-1e9))
     lines = []
-    for name in order:
+    for name in sorted(summary, key=lambda name: -np.nan_to_num(summary[name]["held_db"], nan=-1e9)):
         s = summary[name]
         counts = [(int(s[f"{of}wrong"]), int(s[f"{of}trials"])) for of in ("", "all_")]
         rates = (f"{wrong} of {of} ({clopper_pearson_bound(wrong, of):.2g})" for wrong, of in counts)
@@ -168,24 +167,26 @@ def draw_levels(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: 
     """
     found = _found([row for row in rows if row["sir_db"] is not None], entries)
     full = {case: by for (case, _), by in sorted(found.items(), key=lambda item: item[0][1])}
-    panels = [(case.title, full.pop(case.name)) for case in cases.cases if case.name in full][:_COLUMNS]
+    panels = [(case.title, full.pop(case.name)) for case in cases.cases if case.name in full]
     names = [name for name in entries if panels and all(name in by for _, by in panels)]
     if len(names) < 2:
         return
     reach = [min(by[name].sir_db for name in names) for _, by in panels]
     furthest = {n: [by[n].low_db <= end for (_, by), end in zip(panels, reach, strict=True)] for n in names}
     names.sort(key=lambda name: (-sum(furthest[name]), sum(by[name].sir_db for _, by in panels)))
-    figure = new_figure(7.8, 1.9 + 0.2 * len(names))
-    axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
-    for k, (axis, (title, by)) in enumerate(zip(axes, panels, strict=True)):
+    lines, columns = -(-len(panels) // _COLUMNS), min(len(panels), _COLUMNS)
+    figure = new_figure(7.8, 0.9 + lines * (1.0 + 0.2 * len(names)))
+    axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
+    for axis in axes[len(panels) :]:
+        axis.set_visible(False)
+    for k, (axis, (title, by)) in enumerate(zip(axes, panels, strict=False)):
         for y, at in enumerate(by[name] for name in names):
-            best = furthest[names[y]][k]
-            colour = "#0072B2" if best else "0.4"
+            colour, fill = ("#0072B2",) * 2 if furthest[names[y]][k] else ("0.4", "white")
             axis.plot([at.low_db, at.high_db], [y, y], color=colour, lw=1.5)
-            axis.plot(at.sir_db, y, "o", color=colour, mfc=colour if best else "white", ms=5)
+            axis.plot(at.sir_db, y, "o", color=colour, mfc=fill, ms=5)
             if at.mark:
-                style = {"arrowstyle": "->", "color": colour, "shrinkA": 2, "shrinkB": 0}
                 beyond = at.sir_db + {"<=": -9, ">=": 9}[at.mark]
+                style = {"arrowstyle": "->", "color": colour, "shrinkB": 0}
                 axis.annotate("", (beyond, y), (at.sir_db, y), arrowprops=style)
         axis.set_title(textwrap.fill(title, 13), fontsize=8.5)
         axis.grid(color="0.9")
@@ -216,4 +217,4 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: 
     titled = {name: title for title, name in {c.title: c.name for c in cases.cases}.items()}  # one per title
     if of:
         drawn = [row | {"interference": titled.get(row["case"], row["case"])} for row in of]
-        draw_pd(drawn, path, title=f"Pd over the level, list {cases.name}", against="sir_db")
+        draw_pd(drawn, path, title=cases.title, against="sir_db")

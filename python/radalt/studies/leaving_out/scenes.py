@@ -11,7 +11,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "the same below 150 m": {"methods": ["none"], "altitude": {"programme_m": [150.0, 100.0, 50.0, 10.0]}},
     "no interference, whitening": {"methods": ["none", "whitening"]},
     "QPSK, whitening": {"methods": ["none", "whitening"], "interference": _QPSK},
-    "QPSK, whitening and TCAE": {"methods": ["none", "whitening", "tcae"], "interference": _QPSK},
+    "QPSK, whitening and tcae": {"methods": ["none", "whitening", "tcae"], "interference": _QPSK},
 }
 # further paths through the channel, on which tests show that leaving out changes no bit; not in the table
 CHECKED: dict[str, dict[str, Any]] = {
