@@ -415,7 +415,7 @@ def test_a_changed_recording_of_ours_gets_one_line(short, tmp_path, undrawn, cha
 
 
 @pytest.mark.parametrize("name", ["pipe", "../pipe", "/dev/zero", "a\0b"])
-def test_data_that_the_metadata_name_are_a_file_beside_them(tmp_path, name):
+def test_data_that_the_metadata_name_are_a_file_next_to_them(tmp_path, name):
     path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
     path.with_suffix(".sigmf-data").unlink()
     os.mkfifo(tmp_path / "pipe")

@@ -330,7 +330,7 @@ def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path, und
         collect([tmp_path / "all"], tmp_path / "again")
 
 
-def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path, undrawn):
+def test_simulated_and_real_runs_are_series_of_their_own(tmp_path, undrawn):
     a = finished(tmp_path / "a", scene_of())
     # the simulated channel says nothing about a run on the air
     noisy = replace(scene_of().channel, adc_bits=12)

@@ -142,7 +142,7 @@ NAMES_FILE = {  # a key of a scene, and a value of it that names a file
 
 
 @pytest.mark.parametrize("key", NAMES_FILE)
-def test_files_are_sought_beside_the_scene_then_in_the_working_folder(key, tmp_path, monkeypatch):
+def test_files_are_sought_next_to_the_scene_then_in_the_working_folder(key, tmp_path, monkeypatch):
     sibling, here = tmp_path / "scenes", tmp_path / "here"
     sibling.mkdir(), here.mkdir()
     monkeypatch.chdir(here)

@@ -57,7 +57,7 @@ def test_a_wrong_number_gets_one_line(tmp_path, line, message):
     assert "\n" not in str(error.value)
 
 
-def test_a_base_is_a_file_beside_or_a_shipped_profile(tmp_path):
+def test_a_base_is_a_file_next_to_it_or_a_shipped_profile(tmp_path):
     mine, second = tmp_path / "mine.yaml", tmp_path / "second.yaml"
     mine.write_text("base: poor\nname: mine\nnumbers:\n  gain_dbi: [12, assumed, a horn]\n")
     second.write_text("base: mine\nname: second\n")
