@@ -372,7 +372,7 @@ class Report:
             near = did_you_mean(against, _AXES)
             raise ValueError(f"against is {against!r}; {near}there are: {', '.join(_AXES)}")
         axis = against or ("sir_db" if self.content["break_points"] else "overlap")
-        figure: Figure = draw_pd(self.content["rows"], None, title=self.content["title"], against=axis)
+        figure: Figure = draw_pd(self.content["rows"], None, settings=self.content["title"], against=axis)
         return figure
 
     def to_numpy(self) -> np.ndarray:

@@ -1,7 +1,6 @@
 """The report of a run: the views that its list has rows for."""
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +24,7 @@ def write_report(
     rows = [row for row in tables["rows"] if row["case"] not in without]
     null = [row for row in tables["rows"] if row["case"] in without]
     summary = views.summaries(rows, entries, tables["turns"]) if rows else {}
-    if any(math.isfinite(found["held_db"]) for found in summary.values()):
+    if views.headline(summary):
         views.draw_held(summary, folder.path / "error_vs_runtime.png")
         views.draw_levels(rows, entries, folder.path / "break_points.png", study.cases)
         views.draw_curves(rows, entries, folder.path / "pd.png", study.cases)
@@ -37,20 +36,13 @@ def write_report(
         "breaks": views.break_points(rows, entries),
         "levels": views.levels(rows, entries),
         "summary": views.summary_table(summary) if summary else "",
-        "headline": _headline(summary),
+        "headline": views.headline(summary),
         "turns": views.turns_table(tables["turns"]) if tables["turns"] else "",
         "null": views.false_altitudes(null, _bounds(study)) if null else "",
         "digest": study.cases.digest,
     }
     template = Path(__file__).with_name("report.md.j2")
     return write_result(folder, template, run.as_dict(), {"summary": summary}, values)
-
-
-def _headline(summary: Mapping[str, Mapping[str, float]]) -> str:
-    """The entries that hold most, all that the table does not tell apart."""
-    held = {name: round(s["held_db"], 1) for name, s in summary.items() if math.isfinite(s["held_db"])}
-    best = [name for name, held_db in held.items() if held_db == max(held.values())]
-    return f"{', '.join(best)} {'holds' if len(best) == 1 else 'hold'} most."
 
 
 def _bounds(study: "BenchStudy") -> dict[str, float]:

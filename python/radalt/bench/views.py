@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..evaluation.overlap.figures import draw_pd
-from ..evaluation.results.break_point import BREAK_PD, BreakPoint, break_point_of
+from ..evaluation.results.break_point import BREAK_PD, BreakPoint, break_point_of, leaders
 from ..evaluation.results.figure import new_figure, save_figure
 from ..evaluation.results.pareto import draw_pareto
 from ..evaluation.results.proportion import clopper_pearson, clopper_pearson_bound
 from ..evaluation.results.rows import grouped
 from ..evaluation.results.score import pool
-from ..evaluation.results.table import metres, number, table
+from ..evaluation.results.table import metres, number, said, table
 from .lists import CaseList
 from .paired import curves, held, level_db
 from .rows import Row
@@ -24,7 +24,7 @@ _LEAST_FRAMES = 36  # frames below which no Pd can be shown to be 0.9: 36 of 36 
 _MOST = 40  # lines up to which a table is of use
 _LEVELS = 3  # of a case from which decibels are held and break: two are points, not a curve
 _PANELS = 15  # panels of a figure: the first ones; the table has all
-_LINES = 8  # entries in a panel
+_LINES = 8  # entries in a panel: `none`, and those that hold most
 _COLUMNS = 7  # cases next to each other in a page's width
 _LEVEL = ("case", "overlap", "sir_db", "snr_db")
 
@@ -152,12 +152,19 @@ def summary_table(summary: Mapping[str, Mapping[str, float]]) -> str:
     return table([*head, "ms per frame", "FFTs per frame"], lines)
 
 
+def headline(summary: Mapping[str, Mapping[str, float]]) -> str:
+    """The entries that hold most, all that the table does not tell apart."""
+    held_db = {name: round(s["held_db"], 1) for name, s in summary.items() if np.isfinite(s["held_db"])}
+    best = [name for name, db in held_db.items() if db == max(held_db.values())]
+    return said(best, "holds most", "hold most") if best else ""
+
+
 def draw_held(summary: Mapping[str, Mapping[str, float]], path: Path) -> None:
     """Decibels held against cost per frame, every entry named, with the front."""
     every = {name: (s["ffts"], s["held_db"]) for name, s in summary.items()}
     points = {name: point for name, point in every.items() if np.isfinite(point).all()}
     cost = "CPU per frame, method and altimeter, one at a time / FFTs of the frame"
-    draw_pareto(points, path, cost=cost, gain="held / dB, mean of cases", verb="holds most")
+    draw_pareto(points, path, cost=cost, gain="held / dB, mean of cases", title=headline(summary))
 
 
 def draw_levels(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: CaseList) -> None:
@@ -171,9 +178,8 @@ def draw_levels(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: 
     names = [name for name in entries if panels and all(name in by for _, by in panels)]
     if len(names) < 2:
         return
-    reach = [min(by[name].sir_db for name in names) for _, by in panels]
-    furthest = {n: [by[n].low_db <= end for (_, by), end in zip(panels, reach, strict=True)] for n in names}
-    names.sort(key=lambda name: (-sum(furthest[name]), sum(by[name].sir_db for _, by in panels)))
+    best, most, each = leaders([{name: by[name] for name in names} for _, by in panels])
+    names.sort(key=lambda n: (-sum(n in first for first in each), sum(by[n].sir_db for _, by in panels)))
     lines, columns = -(-len(panels) // _COLUMNS), min(len(panels), _COLUMNS)
     figure = new_figure(7.8, 0.9 + lines * (1.0 + 0.2 * len(names)))
     axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
@@ -181,7 +187,7 @@ def draw_levels(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: 
         axis.set_visible(False)
     for k, (axis, (title, by)) in enumerate(zip(axes, panels, strict=False)):
         for y, at in enumerate(by[name] for name in names):
-            colour, fill = ("#0072B2",) * 2 if furthest[names[y]][k] else ("0.4", "white")
+            colour, fill = ("#0072B2",) * 2 if names[y] in each[k] else ("0.4", "white")
             axis.plot([at.low_db, at.high_db], [y, y], color=colour, lw=1.5)
             axis.plot(at.sir_db, y, "o", color=colour, mfc=fill, ms=5)
             if at.mark:
@@ -196,8 +202,8 @@ def draw_levels(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: 
     axes[0].set(xlim=(max(ends) + 4, min(ends) - 10), ylim=(len(names) - 0.5, -0.5))
     axes[0].locator_params(axis="x", nbins=4, steps=[1, 2, 10])
     axes[0].set_yticks(range(len(names)), names)
-    count = f"{sum(furthest[names[0]])} of {len(panels)} cases"
-    figure.suptitle(f"{names[0]} carries furthest, or as far, in {count}", fontsize=11)
+    head = said(best, "carries furthest", "carry furthest")
+    figure.suptitle(f"{head}, or as far, in {most} of {len(panels)} cases", fontsize=11)
     below = f"SIR / dB down to which Pd is {BREAK_PD:g} at the case's largest overlap, with 95 % interval\n"
     below += "filled: furthest, or the interval reaches the furthest; arrow: it holds at the end of the list"
     figure.supxlabel(below, fontsize=9)
@@ -211,10 +217,15 @@ def draw_curves(rows: Sequence[Row], entries: Sequence[str], path: Path, cases: 
         fullest = {case: max(overlap for name, overlap in found if name == case) for case, _ in found}
         found = {at: by for at, by in found.items() if at[1] == fullest[at[0]]}
     shown = list(found.values())[:_PANELS]
-    names = [name for name in entries if any(name in by for by in shown)][:_LINES]
+    names = [name for name in entries if any(name in by for by in shown)]
+    most = sorted(names, key=lambda n: -sum(held(by[n]) for by in shown if n in by))[: _LINES - 1]
+    settings = cases.title
+    if len(names) > _LINES:
+        settings += f"; of {len(names)} entries those that hold most"
+        names = [name for name in names if name in (*most, "none")]
     every = [row for name in names for by in shown for row in by.get(name, ())]
     of = [row | {"method": row["entry"], "sir_db": level_db(row), "snr_db": None} for row in every]
     titled = {name: title for title, name in {c.title: c.name for c in cases.cases}.items()}  # one per title
     if of:
         drawn = [row | {"interference": titled.get(row["case"], row["case"])} for row in of]
-        draw_pd(drawn, path, title=cases.title, against="sir_db")
+        draw_pd(drawn, path, settings=settings, against="sir_db")

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..results.figure import COLUMN_IN, new_figure, save_figure, say
+from ..results.labels import name_curves
 from ..results.pareto import draw_pareto
 from ..results.score import CORRECT_LIMIT_M, pool
 from ..results.style import series_style
 from .altitudes import ERRORS_M, groups
+from .finding import said_of_error, said_of_pd, said_of_wrong
 from .panels import Row, common, panels, series_of, spread
 
 _WIDTH_IN = {1: COLUMN_IN, 2: 7.3, 3: 9.3}  # by panels in a row; two are as wide as a page of print
@@ -45,27 +47,29 @@ def draw_pd(
     rows: Sequence[Row],
     path: Path | None,
     *,
-    title: str,
+    settings: str,
     ceiling: float | None = None,
     against: str = "overlap",
+    frames: Sequence[Row] = (),
 ) -> Any:
     """Pd with 95 % Wilson intervals against overlap, a panel for each SIR, or against SIR, a panel for each overlap.
 
     ``rows``: rows of a report; a key ``series`` overrides ``method`` as the label; ``path``: PNG to write; None
-    leaves the returned figure to pyplot. ``title``: title of the figure; ``ceiling``: Pd without interference and
-    without mitigation, drawn as a line; ``against``: ``"overlap"`` or ``"sir_db"``.
+    leaves the returned figure to pyplot. ``settings``: what was measured, written below; ``ceiling``: Pd without
+    interference and without mitigation, drawn as a line; ``against``: ``"overlap"`` or ``"sir_db"``; ``frames``: see
+    `said_of_pd`, which is the title.
     """
     rows = _measured(rows)
-    title += f"\n{spread(rows)} trials per point, bars: 95 % Wilson intervals"
+    titles = said_of_pd(rows, against, frames), f"{settings}\n{spread(rows)} trials per point, 95 % intervals"
     lines = [] if ceiling is None else [(ceiling, "no interference", "-")]
-    return _draw(panels(rows, against), path, against, title, _PD, lambda _: lines)
+    return _draw(panels(rows, against), path, against, titles, _PD, lambda _: lines)
 
 
 def draw_error(
     rows: Sequence[Row],
     path: Path | None,
     *,
-    title: str,
+    settings: str,
     bounds_m: dict[float | None, float],
     against: str = "overlap",
 ) -> Any:
@@ -79,21 +83,22 @@ def draw_error(
             else [_LIMIT]
         )
 
-    title += "\nall trials, detected or not; bars: 95 % intervals (delta method)"
-    return _draw(panels(_measured(rows), against), path, against, title, _ERROR, lines, top=None)
+    rows = _measured(rows)
+    titles = said_of_error(rows), f"{settings}\nall trials, detected or not; 95 % intervals (delta method)"
+    return _draw(panels(rows, against), path, against, titles, _ERROR, lines, top=None)
 
 
-def draw_wrong(rows: Sequence[Row], path: Path, *, title: str, against: str = "overlap") -> Any:
+def draw_wrong(rows: Sequence[Row], path: Path, *, settings: str, against: str = "overlap") -> Any:
     """Rate of declared altitudes with errors of 5 m or more, bars to the 95 % upper bound; axes as in `draw_pd`."""
     rows = [row | {"wrong": pool([row]).wrong / row["trials"]} for row in _measured(rows)]
     split = panels(rows, against)
     top = max((_number(r["wrong_bound"]) for _, mine in split for r in mine), default=1.0)
     limit = f"{CORRECT_LIMIT_M:g} m off or more"
-    title += f"\ndeclared and {limit}; bars: 95 % upper bound (Clopper and Pearson)"
-    return _draw(split, path, against, title, _WRONG, top=top)
+    note = f"declared and {limit}; bars: 95 % upper bound (Clopper and Pearson)"
+    return _draw(split, path, against, (said_of_wrong(rows), f"{settings}\n{note}"), _WRONG, top=top)
 
 
-def draw_pd_by_altitude(rows: Sequence[Row], path: Path | None, *, title: str) -> Any:
+def draw_pd_by_altitude(rows: Sequence[Row], path: Path | None, *, title: str, settings: str) -> Any:
     """Pd with 95 % Wilson intervals against altitude, over all overlaps; ``rows`` have `ALTITUDE_COLUMNS`."""
 
     def pooled(mine: Sequence[Row]) -> list[Row]:
@@ -101,11 +106,11 @@ def draw_pd_by_altitude(rows: Sequence[Row], path: Path | None, *, title: str) -
         return [r | {"altitude_m": 0.5 * (r["altitude_low_m"] + r["altitude_high_m"])} for r in of]
 
     split, left_out = _few(rows, pooled)
-    title += f"\nall overlaps above 0 together{left_out}; bars: 95 % Wilson intervals"
-    return _draw(split, path, "altitude_m", title, _PD)
+    note = f"{settings}\nall overlaps above 0 together{left_out}; 95 % intervals"
+    return _draw(split, path, "altitude_m", (title, note), _PD)
 
 
-def draw_error_cdf(rows: Sequence[Row], path: Path | None, *, title: str) -> Any:
+def draw_error_cdf(rows: Sequence[Row], path: Path | None, *, settings: str) -> Any:
     """Distribution of the forced decision's error over trials; ``rows`` have `ALTITUDE_COLUMNS`."""
 
     def counted(mine: Sequence[Row]) -> list[Row]:
@@ -115,11 +120,11 @@ def draw_error_cdf(rows: Sequence[Row], path: Path | None, *, title: str) -> Any
         ]
 
     split, left_out = _few(rows, counted)
-    title += f"\nall trials, detected or not, all overlaps above 0 together{left_out}"
-    return _draw(split, path, "error_m", title, _SHARE)
+    note = f"{settings}\nall trials, detected or not, all overlaps above 0 together{left_out}"
+    return _draw(split, path, "error_m", (said_of_error(rows), note), _SHARE)
 
 
-def draw_cost(rows: Sequence[Row], path: Path) -> list[tuple[str, str]]:
+def draw_cost(rows: Sequence[Row], path: Path, frames: Sequence[Row] = ()) -> list[tuple[str, str]]:
     """Draw Pd against run time of several methods into a folder; returns (file, caption), none for a single method."""
     points = {
         name: (float(np.median(_values(mine, "ms_per_frame_median"))), pool(mine).pd)
@@ -133,7 +138,7 @@ def draw_cost(rows: Sequence[Row], path: Path) -> list[tuple[str, str]]:
         path / "pd_vs_runtime.png",
         cost="CPU time of the method per frame / ms, median, in the method's batches",
         gain="Pd, all overlaps above 0",
-        verb="is right most often",
+        title=said_of_pd(rows, frames=frames),
     )
     return [("pd_vs_runtime.png", "Error against run time: Pd over all overlaps above 0, and time per frame")]
 
@@ -155,13 +160,16 @@ def _draw(
     split: _Split,
     path: Path | None,
     against: str,
-    title: str,
+    titles: tuple[str, str],
     quantity: _Quantity,
     lines: Callable[[Sequence[Row]], Sequence[_Line]] = lambda _: (),
     *,
     top: float | None = 1.0,
 ) -> Any:
-    """A panel for each of ``split``, a curve for each series; without ``top`` the vertical axis is logarithmic."""
+    """A panel for each of ``split``, a curve for each series; without ``top`` the vertical axis is logarithmic.
+
+    ``titles``: what the figure shows, and what was measured.
+    """
     rows = [row for _, mine in split for row in mine]
     many = len(split) > 4 and len({row["interference"] for row in rows}) > 2
     figure, axes = _grid(len(split), against, shown=path is None, many=many)
@@ -190,7 +198,7 @@ def _draw(
         axes[0].invert_xaxis()  # of all panels: interference grows to the right
     elif against != "overlap" and min(values) > 0:
         axes[0].set_xscale("log")
-    return _finish(figure, axes, path, title, quantity.label)
+    return _finish(figure, axes, path, titles, quantity.label, len(values) > 1)
 
 
 _PD = _Quantity(
@@ -269,22 +277,21 @@ def _grid(count: int, against: str, *, shown: bool, many: bool) -> tuple[Any, li
     return figure, axes[:count]
 
 
-def _finish(figure: Any, axes: Sequence[Any], path: Path | None, title: str, ylabel: str) -> Any:
-    """Add one legend below all panels, write the file, and return the figure."""
+def _finish(
+    figure: Any, axes: Sequence[Any], path: Path | None, titles: tuple[str, str], ylabel: str, names: bool
+) -> Any:
+    """Write title, settings below and the names of the curves, write the file, and return the figure."""
     for axis in axes:
         if len(axes) > 1:
             axis.minorticks_off()  # a third of the time of such a figure
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(ylabel, fontsize=9)
-    handles = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
-    style_options = {"loc": "outside lower center", "fontsize": 8.5, "frameon": False, "handlelength": 3.4}
-    for columns in (4, 3, 2, 1):  # as many as the figure is wide for
-        legend = figure.legend(handles.values(), handles.keys(), ncols=columns, **style_options)
-        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
-            break
-        legend.remove()
-    wide = int(13 * figure.get_figwidth())  # characters of this size in a line
-    figure.suptitle("\n".join(textwrap.fill(line, wide) for line in title.splitlines()), fontsize=9)
+    head, foot = titles
+    figure.suptitle(textwrap.fill(head, int(11 * figure.get_figwidth())), fontsize=10.5)
+    wide = int(14 * figure.get_figwidth())  # characters of this size in a line
+    figure.supxlabel("\n".join(textwrap.fill(line, wide) for line in foot.splitlines()), fontsize=8.5)
+    if names:
+        name_curves(figure, axes, size=8.5 if len(axes) < 5 else 7.5)
     if path is not None:
         save_figure(figure, path)
     return figure

@@ -8,10 +8,9 @@ import numpy as np
 
 from ..results.integrity import Integrity
 from ..results.page import render
-from ..results.proportion import paired_difference
-from ..results.rows import grouped, unbits
 from ..results.score import pool
-from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
+from ..results.table import DASH, counted, interval, listed, metres, number, said, signed_metres, table
+from .finding import by_pd, lead, most_wrong, paired
 from .panels import Row, common, panels, series_of, spread, with_interference
 
 _TRACKED = ("wrong_5m", "misleading", "hazardous")
@@ -49,63 +48,33 @@ def summary(report: dict[str, Any]) -> str:
 
 
 def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
-    """What rows say: the best method against the next that differs, the most wrong altitudes, the reach."""
+    """What rows say: the methods that share the lead, how far the next is, the most wrong altitudes, the reach."""
     measured = [r for r in with_interference(rows) if r["trials"]]
     rows = common(rows)
     where = "all overlaps above 0" if len(rows) == len(measured) else "the points that every method has"
-    totals = {name: pool(mine) for name, mine in series_of(rows).items()}
-    worst = max(totals, key=lambda name: totals[name].wrong)
-    total, bound = totals[worst], 100 * totals[worst].wrong_bound
-    named = (
-        f"`{worst}`, {total.wrong} of {total.trials}"
-        if total.wrong
-        else f"none of {total.trials} of any method"
-    )
-    best, *others = by_pd(rows)
+    total, worst = most_wrong(rows)
+    wrong = f"`{worst}`, {total.wrong} of {total.trials}"
+    if not total.wrong:
+        wrong = f"none of {total.trials} of any method"
+    best, after = lead(rows)
+    shares = dict.fromkeys(number(pool(series_of(rows)[name]).pd, 3) for name in best)
+    named = [f"`{name}`" for name in best]
+    first = f"{said(named, 'is', 'are')} right most often, with a Pd of {listed(list(shares))}"
+    if after is None and len(best) > 1:
+        first = f"No method differs: {listed(named)} have a Pd of {listed(list(shares))}"
+    found, apart = paired(rows, best[0], after) if after else None, ""
+    if found is not None:
+        frames, difference, low, high = found
+        whose = f"`{best[0]}` " * (len(best) > 1)
+        apart = (
+            f", {whose}{difference:.3f} ({low:.3f} to {high:.3f}) above `{after}` on the same {frames} frames"
+        )
     return (
-        f"**`{best}` is right most often, with a Pd of {totals[best].pd:.3f}** over {where}"
-        f"{_apart(rows, best, others)}. Most wrong and valid: {named} (95 % bound {bound:.2g} %). "
+        f"**{first}** over {where}{apart}. "
+        f"Most wrong and valid: {wrong} (95 % bound {100 * total.wrong_bound:.2g} %). "
         f"{'Simulated' if source == 'simulated' else 'Off the air'}, with a sweep of "
         f"{waveform['bandwidth_hz'] / 1e6:g} MHz and samples before the mixer."
     )
-
-
-def by_pd(rows: Sequence[Row]) -> list[str]:
-    """The rows' series, that with the highest Pd over all rows first."""
-    totals = {name: pool(mine).pd for name, mine in series_of(rows).items()}
-    return sorted(totals, key=lambda name: -totals[name])
-
-
-def _apart(rows: Sequence[Row], best: str, others: Sequence[str]) -> str:
-    """The next method, of ``others`` from the best on, that differs on the same frames, and those that do not."""
-    level: list[str] = []
-    for name in others:
-        found = paired(rows, best, name)
-        if found is None:
-            return ""
-        frames, difference, low, high = found
-        if low > 0:
-            like = f"; level with {', '.join(level)}" if level else ""
-            return f", {difference:.3f} ({low:.3f} to {high:.3f}) above `{name}` on the same {frames} frames{like}"
-        level.append(f"`{name}`")
-    return f"; level with {', '.join(level)}" if level else ""
-
-
-def paired(rows: Sequence[Row], one: str, other: str) -> tuple[int, float, float, float] | None:
-    """Frames that two series share, and the difference of their Pd on these with its 95 % interval; None without any.
-
-    Rows of a point and a seed have the same frames; on the air, where none comes twice, those of one ``run``.
-    """
-    some = ({"run": None, "series": row["method"]} | row for row in rows if row.get("right"))
-    points = grouped(some, "overlap", "sir_db", "snr_db", "seed", "trials", "run").values()
-    at_points = ({row["series"]: row for row in mine} for mine in points)
-    both = [(at[one], at[other]) for at in at_points if one in at and other in at]
-    if not both:
-        return None
-    ours, theirs = (
-        np.concatenate([unbits(r["right"], r["trials"]) for r in side]) for side in zip(*both, strict=True)
-    )
-    return ours.size, *paired_difference(ours, theirs)
 
 
 def against(rows: Sequence[Row], best: str) -> str:

@@ -21,7 +21,8 @@ from ..results.rows import Columns
 from ..results.score import BITS, pool
 from ..results.table import table
 from .figures import draw_cost, draw_pd
-from .markdown import against, by_pd, glance, pd_tables, verdict
+from .finding import by_pd
+from .markdown import against, glance, pd_tables, verdict
 from .panels import Row, common, series_of, swept_axes, with_interference
 from .reading import ALTITUDE_KEYS, SCENE_PARTS, PoolError, Run, read_run
 from .rows import COLUMNS, COUNTERS
@@ -204,9 +205,9 @@ def _write(
         figure.unlink()
     counted = f"{title} ({len(runs)} run{'s' * (len(runs) > 1)})"
     for axis, name in axes:
-        draw_pd(drawn, folder.path / f"pd_vs_{name}.png", title=counted, against=axis)
+        draw_pd(drawn, folder.path / f"pd_vs_{name}.png", settings=counted, against=axis, frames=single)
     figures = [(f"pd_vs_{name}.png", f"Pd against {name}") for _, name in axes] + draw_cost(
-        drawn, folder.path
+        drawn, folder.path, single
     )
     folder.write_text("rows.csv", POOLED_COLUMNS.csv(rows))
     jammed = [row for row in with_interference(single) if row["trials"]]

@@ -18,6 +18,7 @@ from ..results.page import write_page
 from ..results.rows import grouped
 from .altitudes import with_intervals
 from .figures import draw_cost, draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
+from .finding import said_of_pd
 from .markdown import report_markdown
 from .panels import Row, swept_axes, with_interference
 
@@ -40,7 +41,7 @@ def write_report(
     altitudes = _altitudes(rows)
     figures = _draw(report, folder.path)
     figures[1:1] = draw_cost(report["rows"], folder.path)
-    figures += _draw_altitudes(report["title"], altitudes, folder.path)
+    figures += _draw_altitudes(report, altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
     page = write_page(folder, report_markdown(report, figures), report["run"])
     folder.write_report(report)
@@ -55,9 +56,9 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
     figures = []
     for against, name in swept_axes(rows):
         pd, error, wrong = (f"{what}_vs_{name}.png" for what in ("pd", "rmse", "wrong"))
-        draw_pd(rows, path / pd, title=title, ceiling=ceiling, against=against)
-        draw_error(rows, path / error, title=title, bounds_m=bounds, against=against)
-        draw_wrong(rows, path / wrong, title=title, against=against)
+        draw_pd(rows, path / pd, settings=title, ceiling=ceiling, against=against)
+        draw_error(rows, path / error, settings=title, bounds_m=bounds, against=against)
+        draw_wrong(rows, path / wrong, settings=title, against=against)
         figures += [
             (pd, f"Probability of correct altitude against {_NAMES[against]}"),
             (error, f"Root mean square error of the forced decision against {_NAMES[against]}"),
@@ -66,13 +67,14 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
     return figures
 
 
-def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tuple[str, str]]:
+def _draw_altitudes(report: dict[str, Any], altitudes: Sequence[Row], path: Path) -> list[tuple[str, str]]:
     """Pd by altitude and the distribution of errors, over all overlaps above 0; returns (file, caption)."""
     rows = with_interference(altitudes)
     if not rows:
         return []
-    draw_pd_by_altitude(rows, path / "pd_vs_altitude.png", title=title)
-    draw_error_cdf(rows, path / "error_cdf.png", title=title)
+    title, settings = said_of_pd(report["rows"]), report["title"]
+    draw_pd_by_altitude(rows, path / "pd_vs_altitude.png", title=title, settings=settings)
+    draw_error_cdf(rows, path / "error_cdf.png", settings=settings)
     return [
         ("pd_vs_altitude.png", "Probability of correct altitude by altitude, over all overlaps above 0"),
         ("error_cdf.png", "Distribution of the forced decision's error, over all overlaps above 0"),

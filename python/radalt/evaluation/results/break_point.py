@@ -1,7 +1,9 @@
 """Break-point SIR and protection gain: one definition for every study."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -84,9 +86,24 @@ def break_point(
     return BreakPoint(value, mark, *ends)
 
 
-def break_point_of(rows: Sequence[Mapping[str, Any]], sir: str = "sir_db") -> BreakPoint:
+def break_point_of(
+    rows: Sequence[Mapping[str, Any]], sir: str = "sir_db", *, level: float = BREAK_PD
+) -> BreakPoint:
     """`break_point` of the rows of one curve, with ``pd``, ``pd_low`` and ``pd_high``, over the column ``sir``."""
-    return break_point(*([r[c] for r in rows] for c in (sir, "pd", "pd_low", "pd_high")))
+    return break_point(*([r[c] for r in rows] for c in (sir, "pd", "pd_low", "pd_high")), level=level)
+
+
+def leaders(cases: Sequence[Mapping[str, BreakPoint]]) -> tuple[list[str], int, list[list[str]]]:
+    """Names that carry furthest in most cases, in how many, and the names that do in each.
+
+    Those carry furthest that have the lowest break-point, or whose interval reaches it.
+    """
+    each = [
+        [n for n, at in by.items() if at.low_db <= min(other.sir_db for other in by.values())] for by in cases
+    ]
+    counts = Counter(chain.from_iterable(each))
+    most = max(counts.values())
+    return [name for name in counts if counts[name] == most], most, each
 
 
 def _crossing(sir: np.ndarray, pd: np.ndarray, level: float) -> tuple[float, str]:

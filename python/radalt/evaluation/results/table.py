@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeGuard
 
-__all__ = ["DASH", "counted", "interval", "metres", "number", "signed_metres", "table"]
+__all__ = ["DASH", "counted", "interval", "listed", "metres", "number", "said", "signed_metres", "table"]
 
 DASH = "\N{EN DASH}"
 
@@ -52,6 +52,16 @@ def signed_metres(value: float | None) -> str:
 def counted(count: int, noun: str) -> str:
     """A number and its noun: ``1 frame``, ``2 frames``."""
     return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as in a sentence: ``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([*filter(None, [", ".join(names[:-1])]), *names[-1:]])
+
+
+def said(names: Sequence[str], one: str, several: str) -> str:
+    """Names and their verb: ``a holds``, ``a and b hold``."""
+    return f"{listed(names)} {one if len(names) == 1 else several}"
 
 
 def interval(value: float | None, low: float | None, high: float | None) -> str:

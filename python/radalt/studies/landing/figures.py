@@ -1,5 +1,6 @@
 """Figures of the landing study; matplotlib is imported when one is drawn."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ import numpy as np
 from ...core.altimeter.altimeter import Altimeter
 from ...core.mitigation import create
 from ...evaluation.results.figure import COLUMN_IN, new_figure, save_figure
+from ...evaluation.results.labels import name_curves
 from ...evaluation.results.score import CORRECT_LIMIT_M, accuracy_limit_m
 from ...evaluation.results.style import series_style
+from ...evaluation.results.table import said
 from .config import LandingConfig
 from .points import approach_frames, impaired, rng_of
 
@@ -51,6 +54,14 @@ def _approach(config: LandingConfig, rows: Sequence[Row], whole: Sequence[Row], 
     bottom.set(xlabel=f"Pd: share within {CORRECT_LIMIT_M:g} m, 95 % interval", xlim=(-0.02, 1.02))
     bottom.set_title(f"SIR {config.approach.sir_db:g} dB, overlap {config.approach.overlap:g}", fontsize=10)
     bottom.grid(color="0.9")
+    jammed = [e for e, label in zip(whole, labels, strict=True) if label in config.methods]
+    best = max(jammed, key=lambda e: e["pd"], default=None)
+    if best is not None:  # those with it whose intervals reach its own
+        level = [e for e in jammed if e["pd_high"] >= best["pd_low"]]
+        ends = dict.fromkeys(f"{end(e['pd'] for e in level):.2f}" for end in (min, max))
+        head = said([e["condition"] for e in level], "is right most often", "are right most often, and level")
+        figure.suptitle(textwrap.fill(f"{head}: Pd {' to '.join(ends)}", 46), fontsize=10.5)
+    name_curves(figure, [top], size=9)
     save_figure(figure, folder / "figure_1_approach.png")
     return "figure_1_approach.png"
 
@@ -60,13 +71,12 @@ def _error_over_height(rows: Sequence[Row], axis: Any) -> None:
     height = np.array([r["height_m"] for r in mine])
     measured = np.array([r["altitude_m"] for r in mine], dtype=float)  # None is NaN
     limit = accuracy_limit_m(height)
-    axis.fill_between(height, -limit, limit, color="#56B4E9", alpha=0.3, label="DO-155")
-    for sign in (-1, 1):
-        label = f"{CORRECT_LIMIT_M:g} m" if sign > 0 else None
+    axis.fill_between(height, -limit, limit, color="#56B4E9", alpha=0.3)
+    axis.plot(height, -limit, color="#56B4E9", lw=1.0, label="DO-155")
+    for sign, label in ((1, None), (-1, f"{CORRECT_LIMIT_M:g} m")):
         axis.axhline(sign * CORRECT_LIMIT_M, color="black", lw=1.0, ls="--", label=label)
-    axis.plot(height, measured - height, ".", ms=3, color="black", label="one frame")
-    axis.set(xlabel="height above ground / m", ylabel="error / m", xlim=(height[-1], 0.0))
-    axis.legend(fontsize=9, loc="lower right", ncols=3, frameon=False, columnspacing=1.0, handlelength=1.2)
+    axis.plot(height, measured - height, ".", ms=3, color="black")
+    axis.set(xlabel="height above ground / m", ylabel="error of each frame / m", xlim=(height[-1], 0.0))
 
 
 def _sent(config: LandingConfig) -> str:

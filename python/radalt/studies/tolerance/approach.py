@@ -19,6 +19,7 @@ from ...core.tracker.tracker_settings import Status
 from ...evaluation.engine.study import Point, Run, Study
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.labels import name_curves
 from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import Columns, grouped
 from ...evaluation.results.table import DASH, table
@@ -213,5 +214,8 @@ def draw_approach(rows: Sequence[Mapping[str, Any]]) -> Any:
     axes[2].set_ylim(-0.05, 1.05)
     axes[2].set_xlabel("to the threshold, km")
     axes[2].invert_xaxis()
-    axes[0].legend(fontsize=8, frameon=False, ncols=len(found))
+    broken = {name: sum(r["failed"] != "none" for r in mine) for name, mine in found.items()}
+    said = ", ".join(f"{name} at {count} of {len(found[name])} places" for name, count in broken.items())
+    figure.suptitle(f"The stations break {said}", fontsize=10.5)
+    name_curves(figure, axes[:1])
     return figure

@@ -1,5 +1,7 @@
 """Page and figures of the tolerance campaign."""
 
+import textwrap
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -14,6 +16,7 @@ from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT
 from ...evaluation.engine.study import Run
 from ...evaluation.results.figure import new_figure, save_figure, say
 from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.labels import name_curves
 from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import grouped as rows_by
 from ...evaluation.results.table import DASH, table
@@ -23,7 +26,7 @@ from .study import ToleranceStudy
 
 MARGIN_DB = 6.0  # safety margin that compatibility studies add
 # Thresholds of one FMCW altimeter under 5G in dBm, by the abstract of Aerospace 2025, 12(1), 16: 1 to 6 and -4 to 0
-PUBLISHED_DBM = {"nr100_3930": (-4.0, 6.0, "measured, one altimeter (Aerospace 2025)")}
+PUBLISHED_DBM = {"nr100_3930": (-4.0, 6.0, "one altimeter, measured (Aerospace 2025)")}
 # Okabe and Ito's colours and a marker, in the order of the interferers
 STYLES = [*zip("#0072B2 #000000 #D55E00 #009E73 #CC79A7 #7F7F7F".split(), "Dov^Ph", strict=True)]
 
@@ -252,10 +255,13 @@ def draw(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, met
             feet, y = [feet for feet, _ in pairs], np.array([f.mean for _, f in pairs])
             style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.3, "capsize": 2}
             axis.errorbar(feet, y, yerr=[f.half for _, f in pairs], label=p.name, **style)
+            beyond = [(x, f.highest) for x, f in pairs if f.open and np.isnan(f.mean)]
+            axis.plot(*zip(*beyond, strict=True) if beyond else ([], []), "^", color=colour, mfc="none", ms=6)
             say(axis, feet, y, [f"{p.name}, {kind.title}, {x:g} ft: {_level(f)} dBm" for x, f in pairs])
         if name in PUBLISHED_DBM:
             low, high, words = PUBLISHED_DBM[name]
-            axis.axhspan(low, high, color="#56B4E9", alpha=0.35, linewidth=0, label=words)
+            axis.axhspan(low, high, color="#56B4E9", alpha=0.35, linewidth=0)
+            axis.axhline(high, color="#56B4E9", linewidth=1, label=words)
         p, low = profiles[0], min(study.altitudes_ft)
         if low < MAX_ALTITUDE_FT and not np.isnan(asked := study.asked(p, kind)):
             rule = asked - kind.flux_dbw_per_m2_mhz(p, 0.0)
@@ -271,10 +277,26 @@ def draw(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, met
     for axis in axes[len(study.interferers) :]:
         axis.remove()
     figure.supylabel("mean power at the port, dBm", fontsize=9)
+    figure.suptitle(textwrap.fill(_finding(profiles, study, groups, method), 40 * columns), fontsize=10.5)
     mitigation = "without mitigation" if method == "none" else f"with {method}"
-    figure.suptitle(f"usable below the line, {mitigation}", fontsize=10)
-    handles = (axis.get_legend_handles_labels() for axis in figure.axes)
-    named = {text: line for found in handles for line, text in zip(*found, strict=True)}
-    style = {"loc": "outside lower center", "ncols": 3, "fontsize": 8, "frameon": False}
-    figure.legend(named.values(), named.keys(), **style)
+    figure.supxlabel(
+        f"usable below the line, {mitigation}; 95 % intervals; an arrow: holds to the highest level",
+        fontsize=8.5,
+    )
+    name_curves(figure, axes[: len(study.interferers)], size=7.5)
     return figure
+
+
+def _finding(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, method: str) -> str:
+    """Which altimeter stands the least power, over how many of the cases, and where."""
+    cases = product(study.interferers, study.altitudes_ft)
+    each = [[(p, groups.get((p.name, "all", method, *case))) for p in profiles] for case in cases]
+    known = [{p.name: f.mean for p, f in of if f is not None and not np.isnan(f.mean)} for of in each]
+    first = Counter(min(of, key=lambda name: of[name]) for of in known if of)
+    if not first:
+        return "No altimeter breaks up to the highest level"
+    name, count = first.most_common(1)[0]
+    levels = [of[name] for of in known if name in of]
+    return (
+        f"{name} breaks first in {count} of {len(known)} cases, at {min(levels):.0f} to {max(levels):.0f} dBm"
+    )
