@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hostile import assert_refused, ended
 
 from radalt.core.channel.auxiliary import Direction
 from radalt.core.deramp.profile import PROVENANCES, load_profile, profile_names
@@ -313,11 +314,5 @@ def test_a_decomposition_says_what_each_mechanism_costs(tmp_path, measured_here,
         (["--altitudes-ft", "5000"], "poor has none within 10..2500, its span"),
     ],
 )
-def test_what_does_not_fit_gets_one_line(options, message, tmp_path, capsys):
-    try:
-        status = main([*options, "--out", str(tmp_path / "run")])
-    except SystemExit as end:
-        status = end.code
-    error = capsys.readouterr().err
-    assert status == 2
-    assert message in error
+def test_what_does_not_fit_gets_one_line(options, message, tmp_path):
+    assert_refused(*ended(main, *options, "--out", tmp_path / "run"), message)
