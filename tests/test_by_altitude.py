@@ -1,6 +1,7 @@
 """Results by altitude: rows that add up to the study's, the errors' distribution, and intervals of RMSE."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -101,8 +102,8 @@ def test_figures_by_altitude_have_at_most_six_panels_from_the_first_sir_to_the_l
     results = {"none": measured(scene.altitude.programme)}
     points = [OverlapPoint.at(1.0, sir_db, 10.0) for sir_db in range(-48, 1, 4)]
     rows = [row for point in points for row in altitude_rows(scene, point, results)]
-    for draw in (draw_pd_by_altitude, draw_error_cdf):
-        figure = draw(rows, tmp_path / "drawn.png", title="many")
+    for draw in (partial(draw_pd_by_altitude, title="one"), draw_error_cdf):
+        figure = draw(rows, tmp_path / "drawn.png", settings="many")
         titles = [axis.get_title() for axis in figure.axes]
         assert len(titles) == 6 and ("\N{MINUS SIGN}48" in titles[0], titles[-1]) == (True, "SIR 0 dB")
-        assert "6 of 13 panels" in figure.get_suptitle()
+        assert "6 of 13 panels" in figure.get_supxlabel()

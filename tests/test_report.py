@@ -15,7 +15,8 @@ from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap.figures import draw_pd
-from radalt.evaluation.overlap.markdown import verdict
+from radalt.evaluation.overlap.finding import said_of_pd
+from radalt.evaluation.overlap.markdown import against, verdict
 from radalt.evaluation.overlap.points import OverlapPoint, point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import collect
 from radalt.evaluation.overlap.reading import PoolError
@@ -74,9 +75,13 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
         more = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
         rows.append(make_row(*where, diverged_frames=0, segmenter={}, **more))
     text = verdict(rows, "simulated", {"bandwidth_hz": 7.5e6})
-    assert text.startswith("**`tcae` is right most often, with a Pd of 1.000** over all overlaps above 0, ")
-    assert "0.100 (0.041 to 0.159) above `none` on the same 100 frames; level with `whitening`." in text
+    assert text.startswith(
+        "**`tcae` and `whitening` are right most often: Pd 1.000 and 0.990; none 0.900** over "
+    )
+    assert "above 0, `tcae` 0.100 (0.041 to 0.159) above `none` on the same 100 frames. Most" in text
     assert "Most wrong and valid: `none`, 10 of 100" in text
+    twin = [row | {"method": "twin"} for row in rows if row["method"] == "tcae"]
+    assert "| tcae | twin | 100 | no frame differs |" in against([*rows, *twin], "tcae")
 
 
 def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
@@ -221,12 +226,28 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
     assert break_points(rows_of(scene_of())) == []  # two SIRs say too little
 
 
-def test_the_legend_of_every_method_lies_within_a_figure_of_one_panel(tmp_path):
-    rows = [row for row in rows_of(scene_of()) if row["sir_db"] == -28]
-    many = [row | {"method": name} for row in rows if row["method"] == "none" for name in MITIGATIONS]
-    figure = draw_pd(many, tmp_path / "x.png", title="one")
-    box = figure.legends[0].get_window_extent()
-    assert 0 <= box.x0 and box.x1 <= figure.bbox.width and len(figure.legends) == 1
+def test_every_method_is_named_in_the_figure_and_no_name_covers_another(tmp_path):
+    rows = [row for row in rows_of(scene_of()) if row["sir_db"] == -28 and row["method"] == "none"]
+    many = [row | {"method": m, "pd": row["pd"] - k / 30} for k, m in enumerate(MITIGATIONS) for row in rows]
+    figure = draw_pd(many, tmp_path / "x.png", settings="one")
+    texts = [text for text in figure.axes[0].texts if text.get_text()]
+    assert sorted(text.get_text().replace("\n", "") for text in texts) == sorted(MITIGATIONS)
+    boxes = [text.get_window_extent() for text in texts]
+    assert (
+        not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2)) and not figure.legends
+    )
+    assert all(0 <= box.x0 and box.x1 <= figure.bbox.width for box in boxes)
+
+
+def test_a_title_says_who_leads_or_that_nobody_does():
+    rows = rows_of(scene_of())
+    assert said_of_pd(rows) == "tcae is right most often: Pd 0.925; none 0.700"
+    assert said_of_pd([r for r in rows if not r["overlap"]]) == "none and tcae do not differ: Pd 1.000"
+    swept = rows_of(scene_of(sweep=SweepSpec(overlap=(0.0, 1.0), sir_db=(-10.0, -13.0, -16.0, -20.0, -28.0))))
+    title = said_of_pd(swept, "sir_db").replace("\N{MINUS SIGN}", "-")
+    assert title == "tcae holds Pd 0.9 down to -20 dB; none to -14 dB"
+    weak = [r | {"pd": 0.6, "pd_high": 0.7} for r in swept]
+    assert said_of_pd(weak, "sir_db").startswith("No method holds Pd 0.9. No method differs: Pd 0.5 down to")
 
 
 # -- pooling ------------------------------------------------------------------------------------------------------
@@ -249,7 +270,7 @@ def test_methods_of_two_folders_are_compared_on_the_frames_of_both(tmp_path, und
     b = finished(tmp_path / "b", one, {"tcae": METHODS["tcae"]})
     page, _ = collect([a, b], tmp_path / "all", method="none")
     text = page.read_text(encoding="utf-8")
-    assert "`tcae` is right most often, with a Pd of 0.800** over the points that every method has" in text
+    assert "`tcae` is right most often: Pd 0.800; none 0.200** over the points that every method has" in text
     assert len(read_report(tmp_path / "all")["rows"]) == 6 + 2
     assert "| none | tcae | 150 | -0.600 (-0.678 to -0.522) |" in text
     assert "| tcae | not measured | not measured | not measured | not measured | 0.800" in text
@@ -345,7 +366,7 @@ def test_simulated_and_real_runs_are_series_of_their_own(tmp_path, undrawn):
 def test_figures_are_the_same_bytes_for_the_same_rows_in_three_formats(whole, tmp_path):
     for folder in ("first", "again"):
         (tmp_path / folder).mkdir()
-        draw_pd(read_report(whole)["rows"], tmp_path / folder / "pd.png", title="one")
+        draw_pd(read_report(whole)["rows"], tmp_path / folder / "pd.png", settings="one")
     for ending, start in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")):
         first, again = (tmp_path.joinpath(f, f"pd.{ending}").read_bytes() for f in ("first", "again"))
         assert first == again and first.startswith(start)

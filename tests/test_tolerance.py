@@ -146,7 +146,7 @@ def test_a_figure_has_a_panel_per_interferer_with_the_rule_and_what_was_measured
         ("blanking", "with blanking", "tolerance_blanking.png"),
     ):
         figure = draw(profiles, study, groups, method)
-        assert title in figure.get_suptitle()
+        assert title in figure.get_supxlabel() and "breaks first, at -6.5 dBm" in figure.get_suptitle()
         assert figure_name(study, method) == name
         rules = [axis.lines[-1] for axis in figure.axes]
         assert list(rules[0].get_xdata()) == [200.0, 500.0]

@@ -76,20 +76,23 @@ def said_of_error(rows: Sequence[Row]) -> str:
     return f"{said(best, 'errs least', 'err least')}: by {least} m rms{_without(errors, best, ' m')}"
 
 
-def said_of_pd(rows: Sequence[Row], against: str = "overlap", frames: Sequence[Row] = ()) -> str:
+def said_of_pd(
+    rows: Sequence[Row], against: str = "overlap", frames: Sequence[Row] = (), mark: str = ""
+) -> str:
     """Which series lead in Pd; against the SIR, how far down the furthest ones hold it, and `none`.
 
-    ``frames``: rows of single runs, with a bit per frame, where ``rows`` are pooled.
+    ``frames``: rows of single runs, with a bit per frame, where ``rows`` are pooled; ``mark``: around names.
     """
     if against == "sir_db" and len({row["sir_db"] for row in rows} - {None}) > 2:
         return _said_of_reach(rows)
     rows = common(frames or rows)
     best, after = lead(rows)
-    shares = {name: f"{pool(mine).pd:.2f}" for name, mine in series_of(rows).items()}
+    shares = {name: f"{pool(mine).pd:.3f}" for name, mine in series_of(rows).items()}
     each = listed(list(dict.fromkeys(shares[name] for name in best)))
+    named = [f"{mark}{name}{mark}" for name in best]
     if after is None and len(best) > 1:
-        return f"No method differs: Pd {each}"
-    return f"{said(best, 'is', 'are')} right most often: Pd {each}{_without(shares, best)}"
+        return f"{listed(named)} do not differ: Pd {each}"
+    return f"{said(named, 'is', 'are')} right most often: Pd {each}{_without(shares, best)}"
 
 
 def _said_of_reach(rows: Sequence[Row]) -> str:

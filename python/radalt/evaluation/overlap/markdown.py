@@ -9,8 +9,8 @@ import numpy as np
 from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.score import pool
-from ..results.table import DASH, counted, interval, listed, metres, number, said, signed_metres, table
-from .finding import by_pd, lead, most_wrong, paired
+from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
+from .finding import by_pd, lead, most_wrong, paired, said_of_pd
 from .panels import Row, common, panels, series_of, spread, with_interference
 
 _TRACKED = ("wrong_5m", "misleading", "hazardous")
@@ -57,11 +57,6 @@ def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
     if not total.wrong:
         wrong = f"none of {total.trials} of any method"
     best, after = lead(rows)
-    shares = dict.fromkeys(number(pool(series_of(rows)[name]).pd, 3) for name in best)
-    named = [f"`{name}`" for name in best]
-    first = f"{said(named, 'is', 'are')} right most often, with a Pd of {listed(list(shares))}"
-    if after is None and len(best) > 1:
-        first = f"No method differs: {listed(named)} have a Pd of {listed(list(shares))}"
     found, apart = paired(rows, best[0], after) if after else None, ""
     if found is not None:
         frames, difference, low, high = found
@@ -70,7 +65,7 @@ def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
             f", {whose}{difference:.3f} ({low:.3f} to {high:.3f}) above `{after}` on the same {frames} frames"
         )
     return (
-        f"**{first}** over {where}{apart}. "
+        f"**{said_of_pd(rows, mark='`')}** over {where}{apart}. "
         f"Most wrong and valid: {wrong} (95 % bound {100 * total.wrong_bound:.2g} %). "
         f"{'Simulated' if source == 'simulated' else 'Off the air'}, with a sweep of "
         f"{waveform['bandwidth_hz'] / 1e6:g} MHz and samples before the mixer."

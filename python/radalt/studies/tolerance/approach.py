@@ -214,8 +214,7 @@ def draw_approach(rows: Sequence[Mapping[str, Any]]) -> Any:
     axes[2].set_ylim(-0.05, 1.05)
     axes[2].set_xlabel("to the threshold, km")
     axes[2].invert_xaxis()
-    broken = {name: sum(r["failed"] != "none" for r in mine) for name, mine in found.items()}
-    said = ", ".join(f"{name} at {count} of {len(found[name])} places" for name, count in broken.items())
-    figure.suptitle(f"The stations break {said}", fontsize=10.5)
+    broken = [f"{sum(r['failed'] != 'none' for r in m)} of {len(m)} ({name})" for name, m in found.items()]
+    figure.suptitle(f"Places at which the stations break it: {', '.join(broken)}", fontsize=10)
     name_curves(figure, axes[:1])
     return figure

@@ -1,7 +1,6 @@
 """Page and figures of the tolerance campaign."""
 
 import textwrap
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -277,7 +276,8 @@ def draw(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, met
     for axis in axes[len(study.interferers) :]:
         axis.remove()
     figure.supylabel("mean power at the port, dBm", fontsize=9)
-    figure.suptitle(textwrap.fill(_finding(profiles, study, groups, method), 40 * columns), fontsize=10.5)
+    finding = _verdict(groups, method).split("**")[1].replace("`", "")
+    figure.suptitle(textwrap.fill(finding, 40 * columns), fontsize=10.5)
     mitigation = "without mitigation" if method == "none" else f"with {method}"
     figure.supxlabel(
         f"usable below the line, {mitigation}; 95 % intervals; an arrow: holds to the highest level",
@@ -285,18 +285,3 @@ def draw(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, met
     )
     name_curves(figure, axes[: len(study.interferers)], size=7.5)
     return figure
-
-
-def _finding(profiles: Sequence[Profile], study: ToleranceStudy, groups: Groups, method: str) -> str:
-    """Which altimeter stands the least power, over how many of the cases, and where."""
-    cases = product(study.interferers, study.altitudes_ft)
-    each = [[(p, groups.get((p.name, "all", method, *case))) for p in profiles] for case in cases]
-    known = [{p.name: f.mean for p, f in of if f is not None and not np.isnan(f.mean)} for of in each]
-    first = Counter(min(of, key=lambda name: of[name]) for of in known if of)
-    if not first:
-        return "No altimeter breaks up to the highest level"
-    name, count = first.most_common(1)[0]
-    levels = [of[name] for of in known if name in of]
-    return (
-        f"{name} breaks first in {count} of {len(known)} cases, at {min(levels):.0f} to {max(levels):.0f} dBm"
-    )
