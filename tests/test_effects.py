@@ -1,11 +1,12 @@
-"""Emitters as they are: error vectors, amplifier, fading that goes on, oscillators, against closed forms."""
+"""Emitters as they are: error vectors, amplifier, fading that goes on, oscillators, streams, against closed forms."""
 
 import numpy as np
 import pytest
+from gnuradio import radalt
 from scipy.special import eval_genlaguerre
 from test_nr import demodulate
 
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.interference.amplifier import Amplifier
 from radalt.core.interference.effects import ImpairedEmitter, Impairments, Oscillator, Path, PhaseNoise
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
@@ -59,15 +60,6 @@ def test_scene_with_effects_survives_the_round_trip():
         assert "amplifier 7 dB backed off" in one.emitter.title(7.5e6)
 
 
-@pytest.mark.parametrize("emitter", [NrEmitter(), QpskEmitter(), ToneEmitter(3)], ids=["nr", "qpsk", "tones"])
-@pytest.mark.parametrize("overlap", [1.0, 0.3])
-def test_sir_and_overlap_are_exact_with_every_effect(emitter, overlap):
-    one = Interferer(ImpairedEmitter(emitter=emitter, effects=EVERYTHING), -17.0, overlap)
-    frames = interference_frames([one], 3, N, RATE_HZ, np.random.default_rng(1))
-    np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), 17.0, atol=1e-9)
-    assert (np.count_nonzero(frames, axis=1) == round(overlap * N)).all()
-
-
 def test_a_radar_that_is_drawn_into_the_window_is_heard_in_it():
     emitter = ImpairedEmitter(emitter=FmcwEmitter(), effects=Impairments(fading=FadingChannel(doppler_hz=50)))
     rng = np.random.default_rng(3)
@@ -75,15 +67,26 @@ def test_a_radar_that_is_drawn_into_the_window_is_heard_in_it():
     assert min(power) > 1e-3 * np.median(power)
 
 
-def test_stream_keeps_its_sir_in_the_mean_and_starts_nothing_anew():
-    """Without fading 40 frames have the power asked for; with static paths no frame's level steps."""
-    quiet = Impairments(oscillator=EVERYTHING.oscillator, phase_noise=EVERYTHING.phase_noise)
-    for emitter in (NrEmitter(frame_count=2), QpskEmitter(pulse="rrc")):
-        one = Interferer(ImpairedEmitter(emitter=emitter, effects=quiet), -17.0)
-        stream = JammerStream(Waveform(), [one], seed=4, free_running=True)
+QUIET = Impairments(oscillator=EVERYTHING.oscillator, phase_noise=EVERYTHING.phase_noise)
+STILL = Impairments(fading=FadingChannel(profile="PA"))
+
+
+@pytest.mark.parametrize(
+    ("emitter", "effects", "within_db"),
+    [
+        (NrEmitter(frame_count=2), QUIET, 0.02),
+        (QpskEmitter(pulse="rrc"), QUIET, 0.02),
+        (NrEmitter(), STILL, 0.5),
+    ],
+    ids=["nr", "qpsk", "nr through a channel that does not move"],
+)
+def test_stream_keeps_its_sir_in_the_mean_and_starts_nothing_anew(emitter, effects, within_db):
+    one = Interferer(ImpairedEmitter(emitter=emitter, effects=effects), -17.0)
+    for seed in range(1 if effects is QUIET else 4):
+        stream = JammerStream(Waveform(), [one], seed=seed, free_running=True)
         stream.next_frame()
         power = np.mean([np.mean(np.abs(stream.next_frame().astype(complex)) ** 2) for _ in range(40)])
-        assert 10 * np.log10(power) == pytest.approx(17.0, abs=0.02)
+        assert 10 * np.log10(power) == pytest.approx(17.0, abs=within_db)
 
 
 def test_a_period_of_5g_comes_again_through_a_still_channel():
@@ -251,14 +254,6 @@ def test_phase_noise_has_its_rms_and_its_autocorrelation(rms_deg, bandwidth_hz):
     assert np.abs(np.diff(phase)).max() < 3.0 * rms_deg  # no frame begins with a phase of its own
 
 
-def test_a_channel_that_does_not_move_keeps_the_sir_of_a_stream():
-    for seed in range(4):
-        emitter = impaired(NrEmitter(), fading=FadingChannel(profile="PA"))
-        stream = JammerStream(Waveform(), [Interferer(emitter, -20.0)], seed=seed, free_running=True)
-        power = np.mean([np.mean(np.abs(stream.next_frame().astype(complex)) ** 2) for _ in range(20)])
-        assert 10 * np.log10(power) == pytest.approx(20.0, abs=0.5)
-
-
 def test_fading_does_not_step_where_frames_meet():
     emitter = impaired(Wave(), fading=FadingChannel(profile="EVA", doppler_hz=120.0))
     for free_running in (True, False):
@@ -272,3 +267,40 @@ def test_fading_does_not_step_where_frames_meet():
         step = np.abs(np.diff(samples))
         # 2 pi 120 Hz / 7.5 MHz = 1e-4 a sample at unit gain; seams of the interpolation may reach -60 dB
         assert step.max() < 3e-3
+
+
+# -- emitters that go on from frame to frame, and the power of their sum
+def test_a_free_running_base_station_goes_on_from_frame_to_frame():
+    emitter = NrEmitter(frame_count=2)  # 20 ms
+    stream = JammerStream(Waveform(), [Interferer(emitter, -10.0)], seed=3, free_running=True)
+    frames = np.stack([stream.next_frame() for _ in range(45)])
+    np.testing.assert_allclose(frames[1:21], frames[21:41], atol=1e-5)
+    assert np.mean(np.abs(frames[1:21]) ** 2) == pytest.approx(10.0, rel=1e-3)
+    # each sample is where the emitter's period has it: frames meet without a step
+    period, _ = emitter.period(Waveform().rate_hz)
+    sent = frames[1:21].ravel()
+    lined_up = np.abs(np.fft.ifft(np.fft.fft(sent) * np.fft.fft(period).conj()))
+    assert lined_up.max() == pytest.approx(np.linalg.norm(sent) * np.linalg.norm(period), rel=1e-3)
+    power = np.mean(np.abs(frames[1:21]) ** 2, axis=1)
+    assert power.std() > 0.05 * power.mean()  # one gain: power goes with what is sent
+
+
+def test_a_scene_s_base_station_goes_on_too_whatever_its_sir_is_set_to():
+    """A whole scene's source has a total SIR: no frame is scaled by itself, and a new SIR is a new gain alone."""
+    scene = parse_scene({"interference": {"nr": {"sir_db": -20.0, "free_running": True, "frame_count": 2}}})
+    source = radalt.jammer_source(scene, sir_db=-10.0)
+    source.stream.programme = None
+    frames = np.stack([source.stream.next_frame() for _ in range(45)])
+    np.testing.assert_allclose(frames[1:21], frames[21:41], atol=1e-5)
+    assert np.mean(np.abs(frames[1:21]) ** 2) == pytest.approx(10.0, rel=1e-3)
+    source.set_sir_db(-30.0)
+    later = np.stack([source.stream.next_frame() for _ in range(11)])
+    np.testing.assert_allclose(later[1:], 10.0 * frames[6:16], atol=1e-4)  # 20 frames are its period
+
+
+def test_the_sum_of_what_goes_on_meets_the_total_sir_in_the_mean():
+    parts = [Interferer(NrEmitter(frame_count=2), -20.0), Interferer(QpskEmitter(), -26.0)]
+    stream = JammerStream(Waveform(), parts, seed=6, free_running=True, total_sir_db=-10.0)
+    power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(81)][1:]
+    assert np.mean(power) == pytest.approx(10.0, rel=0.03)
+    assert np.std(power) > 0.3
