@@ -180,6 +180,7 @@ def test_every_emitter_file_holds_the_emitter_of_its_name():
         assert emitter.scene_name == name
         assert emitter.label.startswith(name) and " " not in emitter.label
         assert emitter.title(7.5e6)
+    assert "amplifier 6 dB backed off" in EVERY_TYPE["nr with every effect"].title(7.5e6)
 
 
 @pytest.mark.parametrize("name", ["qpsk", "nr", "", "two words"])

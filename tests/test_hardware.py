@@ -217,46 +217,44 @@ def test_nothing_is_built_without_transmit(air):
     assert air.calls == []
 
 
+def beyond_the_radio():
+    scene = a_scene()
+    return replace(scene, waveform=replace(scene.waveform, carrier_hz=5.9995e9))
+
+
 @pytest.mark.parametrize(
-    ("radio", "message"),
+    ("scene", "message"),
     [
-        ({"enclosure": "none"}, "safety-of-life"),
-        ({"attenuation_db": 10.0}, "at least 30 dB"),
-        ({"enclosure": "shielded", "attenuation_db": 0, "radar_tx_gain_db": 80}, "would reach the receiver"),
-        ({"attenuation_db": 30.0, "jammer_tx_gain_db": 89.75}, "raise attenuation_db by 5.0 dB"),
-        ({"jammer_serial": ""}, "have to name two devices"),
-        ({"jammer_serial": "R"}, "have to name two devices"),
-        ({"master_clock_hz": 32e6}, "not a whole multiple of the rate"),
-        ({"lo_offset_hz": 20e6}, "at most 1.125e\\+07 either way"),
+        (a_scene(enclosure="none"), "safety-of-life"),
+        (a_scene(attenuation_db=10.0), "at least 30 dB"),
+        (a_scene(enclosure="shielded", attenuation_db=0, radar_tx_gain_db=80), "would reach the receiver"),
+        (a_scene(attenuation_db=30.0, jammer_tx_gain_db=89.75), "raise attenuation_db by 5.0 dB"),
+        (a_scene(jammer_serial=""), "have to name two devices"),
+        (a_scene(jammer_serial="R"), "have to name two devices"),
+        (a_scene(master_clock_hz=32e6), "not a whole multiple of the rate"),
+        (a_scene(lo_offset_hz=20e6), "at most 1.125e\\+07 either way"),
+        (beyond_the_radio(), "carrier_hz is 5.9995e.09, and a B210 has 7e.07..6e.09"),
+        # of two inputs
+        (two_channels(), r"radio\.auxiliary_attenuation_db is 0 with a cabled set-up"),
+        (
+            two_channels(auxiliary_attenuation_db=30, jammer_tx_gain_db=89.75),
+            "auxiliary_attenuation_db by 5.0 dB",
+        ),
+        (
+            two_channels(auxiliary_attenuation_db=40, master_clock_hz=60e6),
+            "two receive channels .* 3.072e.07",
+        ),
     ],
 )
-def test_interlock_refuses_what_could_harm(radio, message):
+def test_interlock_refuses_what_could_harm(scene, message):
     with pytest.raises(InterlockError, match=message):
-        require_enclosure(a_scene(**radio), True)
-    # one radio needs no serial
+        require_enclosure(scene, True)
+
+
+def test_interlock_lets_one_radio_without_a_serial_pass_and_knows_both_inputs():
     require_enclosure(a_scene(jammer=False, radar_serial="", jammer_serial=""), True)
-
-
-@pytest.mark.parametrize(
-    ("radio", "message"),
-    [
-        ({}, r"radio\.auxiliary_attenuation_db is 0 with a cabled set-up"),
-        ({"auxiliary_attenuation_db": 30, "jammer_tx_gain_db": 89.75}, "auxiliary_attenuation_db by 5.0 dB"),
-        ({"auxiliary_attenuation_db": 40, "master_clock_hz": 60e6}, "two receive channels .* 3.072e.07"),
-    ],
-)
-def test_interlock_knows_both_inputs(radio, message):
-    with pytest.raises(InterlockError, match=message):
-        require_enclosure(two_channels(**radio), True)
     lines, allowed = describe(two_channels(auxiliary_attenuation_db=45.0))
     assert allowed and any("side B, at most -64.3 dBm" in line for line in lines)
-
-
-def test_a_sweep_beyond_the_radio_is_refused():
-    scene = a_scene()
-    waveform = replace(scene.waveform, carrier_hz=5.9995e9)
-    with pytest.raises(InterlockError, match="carrier_hz is 5.9995e.09, and a B210 has 7e.07..6e.09"):
-        require_enclosure(replace(scene, waveform=waveform), True)
 
 
 def test_receiver_level_is_the_power_sum_less_attenuation():
@@ -357,13 +355,6 @@ def test_run_button_subtracts_the_stored_calibration(generated, press_run, capsy
     assert "0.000  none: 0 of 12" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("radio, transmit", [({}, 0), ({"enclosure": "none"}, 1), ({"attenuation_db": 9}, 1)])
-def test_run_button_touches_no_radio_where_the_interlock_refuses(generated, press_run, radio, transmit):
-    with pytest.raises(InterlockError):
-        press_run(generated(), a_scene(**radio), transmit)
-    assert press_run.air.calls == []
-
-
 def impostor(top):
     top.radar_gate = blocks.copy(gr.sizeof_gr_complex)
 
@@ -371,6 +362,9 @@ def impostor(top):
 @pytest.mark.parametrize(
     ("drawn", "pressed", "message"),
     [
+        ({}, {"transmit": 0}, "transmit is off"),
+        ({}, {"scene": a_scene(enclosure="none")}, "safety-of-life"),
+        ({}, {"scene": a_scene(attenuation_db=9)}, "at least 30 dB"),
         ({"disabled": ("transmit_interlock",)}, {"transmit": 0}, "transmit is off"),
         ({}, {"scene": a_scene(jammer=False)}, "has no jammer.*disable it"),
         ({"disabled": JAMMER}, {}, "enable it"),
@@ -380,11 +374,13 @@ def impostor(top):
         ({"change": impostor}, {}, "no Transmit Gate radar_gate before"),
     ],
 )
-def test_set_up_refuses_before_a_radio_starts(generated, press_run, drawn, pressed, message):
-    """The first snippet disabled, another jammer than the scene's, no lock, a gate bypassed or a block of its name."""
-    with pytest.raises((InterlockError, FlowgraphError), match=message):
+def test_run_button_refuses_before_a_radio_starts(generated, press_run, drawn, pressed, message):
+    """The interlock before one is made; the set-up, where the first snippet is disabled, the jammer is not the scene's,
+    nothing locks, a gate is bypassed or another block has its name."""
+    with pytest.raises((InterlockError, FlowgraphError), match=message) as refused:
         press_run(generated(**drawn), **{"scene": a_scene()} | pressed)
-    assert press_run.air.calls and not started(press_run.air)
+    assert not started(press_run.air)
+    assert (press_run.air.calls == []) == (refused.type is InterlockError and not drawn)
 
 
 def test_run_button_needs_one_b210_with_the_jammer_disabled(generated, press_run, capsys):
