@@ -256,7 +256,7 @@ def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude)
 
 
 @pytest.mark.parametrize("altitude", [200.0, 1600.0])
-def test_a_weak_return_within_the_span_is_not_declared_beside_a_strong_one_beyond_either_end(altitude):
+def test_a_weak_return_within_the_span_is_not_declared_with_a_strong_one_beyond_either_end(altitude):
     frames = point_return(W, np.full(4, altitude)) + 0.25 * point_return(W, np.full(4, 800.0))
     frames += noise((4, 7500), 20.0, np.random.default_rng(1))
     result = Altimeter(W, AltimeterSettings(min_altitude_m=300.0)).process(frames)

@@ -141,7 +141,7 @@ def test_white_noise_level_is_the_mean_of_the_band_but_for_the_energy_of_the_cel
         assert cells.value[frame, half, at] == pytest.approx(looks * np.log1p(here / level / looks), rel=1e-4)
 
 
-def test_noise_level_beside_a_step_of_30_db_is_that_of_the_cells_around():
+def test_noise_level_next_to_a_step_of_30_db_is_that_of_the_cells_around():
     rng = np.random.default_rng(2)
     power = rng.exponential(size=(200, 2, 160)).astype(np.float32)
     power[..., 80:] *= 1000

@@ -74,5 +74,5 @@ def test_a_return_in_white_noise_is_seen_as_that(snr_db):
 @pytest.mark.parametrize("sir_db", [-5.0, -50.0])
 @pytest.mark.parametrize("overlap", [0.1, 1.0])
 @pytest.mark.parametrize("name", ["qpsk", "tones", "pulses", "nr"])
-def test_interference_with_room_beside_it_is_not_white(name, overlap, sir_db):
+def test_interference_with_room_next_to_it_is_not_white(name, overlap, sir_db):
     assert not InterferenceDetector(W).white(jammed(np.random.default_rng(13), name, sir_db, overlap)).any()

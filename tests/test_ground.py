@@ -32,6 +32,9 @@ def over_ground(seed: int, land, altitude_m: float, *, beam=40.0, roll=0.0, pitc
     ("land", "altitude_m", "attitude"),
     [
         (("constant_gamma", "woods"), 150.0, {}),
+        (("constant_gamma", "mountains"), 30.0, {}),
+        (("constant_gamma", "mountains"), 150.0, {}),
+        (("morchin", "urban_low_relief"), 300.0, {}),
         (("morchin", "mountains"), 1380.0, {"beam": 60.0}),
         (("morchin", "desert"), 40.0, {"beam": 60.0}),
         (("ulaby_dobson", "grass"), 300.0, {"pitch": 15.0}),
@@ -40,10 +43,12 @@ def over_ground(seed: int, land, altitude_m: float, *, beam=40.0, roll=0.0, pitc
     ],
 )
 def test_the_altitude_is_that_of_the_nearest_ground_in_level_flight_and_in_a_bank(land, altitude_m, attitude):
+    """Ground off nadir pulls the peak up by several metres."""
     out = over_ground(4_711, land, altitude_m, **attitude)
     assert np.all(out["status"] == Status.NORMAL)
     error = np.abs(out["altitude_m"] - altitude_m)
-    assert np.all(error < out["protection_level_m"]) and np.all(error <= max(5.0, 0.03 * altitude_m))
+    most_m = max(5.0, 0.03 * altitude_m) if attitude else 2.0
+    assert np.all(error < out["protection_level_m"]) and np.all(error <= most_m)
 
 
 @pytest.mark.parametrize(("speed", "snr_db"), [(0.0, -10.0), (20.0, 20.0), (150.0, -10.0)])

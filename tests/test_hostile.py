@@ -152,7 +152,7 @@ OTHERS = {
     ),
     integrity: (
         "--methods=none,none", "--groups=noise,noise", "--methods=" + "x" * 999, "--groups=nothing",
-        "--frames=401", "--replay=nothing:1", "--replay=noise:-1",
+        "--frames=401", "--replay=nothing:1", "--replay=noise:-1", "--replay=noise/0@3:1",
     ),
     collect: ("nothing", "/dev/zero", "a\0b"),
     gallery: ("--out=/dev/null/x.png", "--out=x"),

@@ -67,7 +67,7 @@ def test_six_shapes_per_half_sweep_hold_every_delay_within_reach(offset_samples)
 
 
 @pytest.mark.parametrize("speed", [0.0, -20.0])
-def test_frames_are_right_beside_40_db_of_leakage_and_20_db_of_landing_gear(speed):
+def test_frames_are_right_under_40_db_of_leakage_and_20_db_of_landing_gear(speed):
     rng = np.random.default_rng(1)
     leakage = line(40.0, 1.0) + line(20.0, 4.5)
     altitude_m = np.repeat([10.0, 30.0, 100.0, 300.0, 1000.0], 8)

@@ -160,10 +160,6 @@ def test_level_changes_nothing_and_batches_change_nothing():
     for scale in (2.0**-30, 2.0**30):
         scaled = create("qpsk_cancel", W).process(frames * np.float32(scale)) / np.float32(scale)
         np.testing.assert_allclose(scaled, whole, atol=1e-3 * np.abs(whole).max())
-    silent = np.zeros((2, N), dtype=np.complex64)
-    assert not create("qpsk_cancel", W).process(silent).any()
-    frames[1, 5] = np.nan
-    assert np.isnan(create("qpsk_cancel", W).process(frames)[1]).all()
 
 
 def going_on(*windows, sir_db=-40.0, seed=21):

@@ -189,7 +189,7 @@ def test_an_altitude_that_contradicts_its_prediction_is_not_given_until_the_next
 
 
 @pytest.mark.parametrize(("cell", "power", "given"), [(240, 0.0, True), (240, 9.0, False), (115, 9.0, False)])
-def test_no_altitude_is_given_beside_a_return_nearly_as_strong_far_above_or_below(cell, power, given):
+def test_no_altitude_is_given_with_a_return_nearly_as_strong_far_above_or_below(cell, power, given):
     parts, track = started(150, 150, 37)
     for k in range(11):
         ratio = showing(parts, 150, 150, 60 + k).block.ratio
@@ -200,7 +200,7 @@ def test_no_altitude_is_given_beside_a_return_nearly_as_strong_far_above_or_belo
 
 
 @pytest.mark.parametrize(("received", "given"), [(0.0, True), (12.0, False)])
-def test_no_altitude_is_given_beside_a_return_near_by_that_the_method_has_taken_away(received, given):
+def test_no_altitude_is_given_with_a_return_near_by_that_the_method_has_taken_away(received, given):
     """Interference that hides both in the received frames, strong in one of them, shows nothing."""
     parts, track, scan, found = level_track(11)
     before = showing(parts, 150, 150, 90, power=received).block.ratio
