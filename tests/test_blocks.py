@@ -591,6 +591,6 @@ def test_exception_in_a_block_ends_the_flowgraph_and_is_raised_again(capfd):
     """Unguarded it would hang for ever."""
     scene = scene_of()
     block = radalt.frame_segmenter(scene)
-    block.segmenter.push = lambda samples, *, lend: [][1]
+    block.segmenter.push = lambda samples: [][1]
     with pytest.raises(IndexError):
         run(radalt.fmcw_chirp_source(scene, frames=200), block, Collect(N))

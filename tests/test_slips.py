@@ -282,7 +282,7 @@ class TestThroughTheBlock:
                 seen.extend(Seen(f, known.timing_verified, noticed(known)) for f in frames)
             return frames
 
-        def in_pieces(samples: np.ndarray, *, lend: bool) -> list[Frame]:
+        def in_pieces(samples: np.ndarray) -> list[Frame]:
             # a large bite holds a loss and what tells of it: what was known when is seen frame by frame
             return [f for k in range(0, samples.size, N) for f in keep(push(samples[k : k + N]))]
 

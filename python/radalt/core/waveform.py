@@ -21,12 +21,19 @@ __all__ = [
     "altitude_to_delay_s",
     "delay_to_altitude_m",
     "exp_cycles",
+    "read_only",
     "sum_of_waves",
 ]
 
 
 # Slope of the frame's two halves by shape: 1 rises, -1 falls.
 SHAPES = {"triangle": (1, -1), "sawtooth_up": (1, 1), "sawtooth_down": (-1, -1)}
+
+
+def read_only(table: np.ndarray) -> np.ndarray:
+    """An array, which all who use it share from here on."""
+    table.setflags(write=False)
+    return table
 
 
 def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
@@ -232,16 +239,12 @@ class Waveform(Settings, where="waveform"):
     @cached_property
     def sample_times_s(self) -> np.ndarray:
         """(N,) float64 times of one frame's samples."""
-        times = np.arange(self.samples_per_frame) / self.rate_hz
-        times.setflags(write=False)
-        return times
+        return read_only(np.arange(self.samples_per_frame) / self.rate_hz)
 
     @cached_property
     def reference(self) -> np.ndarray:
         """(N,) complex64 reference sweep 0, unit amplitude, read-only."""
-        table = exp_cycles(self.phase_cycles(self.sample_times_s))
-        table.setflags(write=False)
-        return table
+        return read_only(exp_cycles(self.phase_cycles(self.sample_times_s)))
 
     def frame_rotation(self, frame_index: np.ndarray | int) -> np.ndarray | complex:
         """Unit phasor that carries sweep 0's table to sweep ``frame_index`` (1 when centred)."""
