@@ -88,7 +88,8 @@ def _labels(axis: Any, size: float) -> list[tuple[dict[str, Any], np.ndarray, np
     bars = chain.from_iterable(handle.lines[2] for handle in handles.values() if hasattr(handle, "lines"))
     for segment in chain.from_iterable(bar.get_segments() for bar in bars):
         mark(taken, _along(points(axis.transData, segment), shape))
-    for group in _coinciding({name: path for name, path in paths.items() if len(path)}, 0.4 * size):
+    groups = _coinciding({name: path for name, path in paths.items() if len(path)}, 0.4 * size)
+    for group in sorted(groups, key=lambda names: len(paths[names[0]])):  # the shortest has fewest places
         rows = [row for name in group for row in name.split("\n")]
         wide = max(renderer.get_text_width_height_descent(row, font, False)[0] for row in rows)
         extent, others = np.array([wide * scale, _LINE * size * len(rows)]), np.zeros(shape, dtype=bool)
