@@ -272,8 +272,7 @@ class Sent:
 
 def faded(sent, channel, rng):
     """(N,) of what arrives of the emitter's first N samples."""
-    emitter = ImpairedEmitter(emitter=Sent(sent), effects=Impairments(fading=channel))
-    return emitter.begin(RATE_HZ, rng)(0, sent.size)
+    return impaired(Sent(sent), fading=channel).begin(RATE_HZ, rng)(0, sent.size)
 
 
 def rms_delay_s(channel):
