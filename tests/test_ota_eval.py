@@ -8,24 +8,13 @@ import collect
 import ota_eval
 import pytest
 from hostile import assert_refused, ended
-from waiting import end_of, ran_python, started
+from waiting import ran_python
 
 from radalt.core.scene import load_scene
 from radalt.evaluation.overlap.rows import COLUMNS
 from radalt.evaluation.results.folder import read_report
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
-
-
-def start(*arguments):
-    """ota_eval in a process of its own, as users start it."""
-    return started(sys.executable, ota_eval.__file__, "--sim", *arguments)
-
-
-def run(*arguments):
-    process = start(*arguments)
-    out, err = end_of(process, limit_s=120)
-    return process.returncode, out, err
 
 
 def stable(folder: Path) -> list[list[str]]:
@@ -38,11 +27,11 @@ def stable(folder: Path) -> list[list[str]]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """One uninterrupted run with two workers, its output next to it."""
+    """One uninterrupted run in a process of its own, as users start it, its output next to it."""
     folder = tmp_path_factory.mktemp("whole") / "run"
-    code, out, err = run(*SWEEP, "--out", folder, "--jobs", 2)
-    assert code == 0, err
-    return folder, out, err
+    done = ran_python(ota_eval.__file__, "--sim", *SWEEP, "--out", folder, "--jobs", 1)
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout, done.stderr
 
 
 def test_a_run_ends_with_the_whole_result_folder(whole):

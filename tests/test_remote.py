@@ -108,10 +108,6 @@ def loop(tmp_path_factory):
     assert not thread.is_alive()
 
 
-def results(client, seconds=1.0):
-    return [m for m in client.messages(seconds) if m["type"] == "result"]
-
-
 def until(client, condition, seconds=20.0):
     """The first result that meets the condition."""
     for message in client.messages(seconds):
@@ -137,7 +133,7 @@ def test_jammer_and_methods_are_set(loop):
     seen = until(client, lambda m: m["truth_m"] == 100 and (not m["valid"] or abs(m["altitude_m"] - 100) > 5))
     assert seen["method"] == "none"
     before = client.request("get")["frames"]
-    assert {m["method"] for m in results(client, 0.5)} == {"none"}
+    assert {m["method"] for m in client.messages(0.5) if m["type"] == "result"} == {"none"}
     after = client.request("get")["frames"]
     assert after["whitening"] == before["whitening"]
     assert after["none"] > before["none"]

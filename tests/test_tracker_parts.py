@@ -199,20 +199,6 @@ def test_no_altitude_is_given_with_a_return_nearly_as_strong_far_above_or_below(
     assert parts.integrity.undisputed(track, scan, found) is given
 
 
-@pytest.mark.parametrize(("received", "given"), [(0.0, True), (12.0, False)])
-def test_no_altitude_is_given_with_a_return_near_by_that_the_method_has_taken_away(received, given):
-    """Interference that hides both in the received frames, strong in one of them, shows nothing."""
-    parts, track, scan, found = level_track(11)
-    before = showing(parts, 150, 150, 90, power=received).block.ratio
-    near_by = np.array([0.5, 1.0, 0.5], dtype=np.float32)
-    if received:
-        before[:, :, 161:164] += received * near_by
-    else:
-        before[7, :, 161:164] += 200.0 * near_by
-    scan = replace(scan, sum_received=lambda: scan_of(parts, before).block)
-    assert parts.integrity.undisputed(track, scan, found) is given
-
-
 @pytest.mark.parametrize("late", [0.0, 8.0])
 def test_a_step_in_the_last_quarter_contradicts_and_interference_in_a_part_of_the_band_does_not(late):
     parts, track, scan, found = level_track(11)
