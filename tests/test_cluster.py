@@ -14,7 +14,7 @@ import ota_eval
 import pytest
 from hostile import draw_nothing, ended, measure_here
 from test_engine import Coins, rows_of
-from test_ota_eval import stable, start
+from test_ota_eval import stable
 from waiting import crowd, end_of, started, wait_for, written
 
 from radalt.core.parsing import InputError
@@ -209,7 +209,8 @@ def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(
     mortal_dask, sweep, tmp_path, measured_here, undrawn
 ):
     options, whole = sweep
-    process = start(*options, "--out", tmp_path / "run", "--scheduler", mortal_dask.file)
+    command = "--sim", *options, "--out", tmp_path / "run", "--scheduler", mortal_dask.file
+    process = started(sys.executable, ota_eval.__file__, *command)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
     mortal_dask.end(mortal_dask.scheduler)
     _, err = end_of(process)
