@@ -27,6 +27,7 @@ from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.rows import bits
 from radalt.evaluation.results.score import Score
 from radalt.evaluation.results.style import series_style
+from radalt.evaluation.results.table import table
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
 
@@ -82,6 +83,7 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
     assert "Most wrong and valid: `none`, 10 of 100" in text
     twin = [row | {"method": "twin"} for row in rows if row["method"] == "tcae"]
     assert "| tcae | twin | 100 | no frame differs |" in against([*rows, *twin], "tcae")
+    assert "|---|---|---:|" in table("case | cause | count", [["a", "", 1], ["b", "", 2]])
 
 
 def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
