@@ -200,11 +200,17 @@ def test_noise_at_the_decimated_rate_has_the_covariance_of_decimated_noise():
     assert np.trace(found[1]).real == pytest.approx(np.trace(found[0]).real, rel=0.01)
 
 
-def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
-    """Mountains from 1,280 m, banked by 40 degrees: the beam points at 1,500 m; five outputs were 176 m off."""
-    case = case_of("land/mountains/bank 40")
-    row = _row(*judge_long(case, rng_of(case, 54, 0, 0), 1200, SMALL.settings))
-    assert (row["outputs"], row["misleading"], row["hazardous"]) == (30, 0, 0)
+@pytest.mark.parametrize(
+    "land, seed, frames",
+    [("mountains", 54, 1200), ("mountains", 16, 1600), ("mountains", 18, 1600), ("woods", 11, 1600)],
+)
+def test_a_bank_of_40_degrees_misleads_in_no_output_of_flights_in_which_the_nearest_ground_is_weak(
+    land, seed, frames
+):
+    """In the first the beam points at 1,500 m, in the others the top lies 30 to 100 m beyond the nearest ground."""
+    case = case_of(f"land/{land}/bank 40")
+    row = _row(*judge_long(case, rng_of(case, seed, 0, 0), frames, SMALL.settings))
+    assert (row["outputs"], row["misleading"], row["hazardous"]) == (frames // 40, 0, 0)
 
 
 def test_the_pages_have_the_rates_of_the_stored_flights(root):

@@ -253,6 +253,12 @@ class Block:
         over = [np.interp(found.cells[h], cells, power[h]) / floor[h] - 1.0 for h in range(2)]
         return max(0.0, 0.5 * float(sum(over)))
 
+    def beyond_span(self) -> float:
+        """Power over noise, mean of both halves, of the strongest cells beyond the span; 0 below 13 dB in either."""
+        power, floor, _ = self.sums(len(self.tables.speeds) // 2)
+        over = power[:, self.tables.last :].max(axis=1, initial=0.0) / floor - 1.0
+        return float(over.mean()) if over.min() >= _CLEAR else 0.0
+
     def shows(self, found: Measurement, least: float) -> bool:
         """Whether the block shows another block's return next to its cells: ``least`` strength, 13 dB over noise.
 
