@@ -42,9 +42,9 @@ def draw_nothing(patch) -> None:
     patch.setattr(save_figure, "__code__", write.__code__)  # whoever has imported it, or will
 
 
-def assert_refused(status: int, error: str) -> None:
-    """Status 2 and one printable line of at most 300 characters."""
-    assert status == 2, (status, error)
+def assert_refused(status: int, error: str, said: str = "") -> None:
+    """Status 2 and one printable line of at most 300 characters, which says this."""
+    assert status == 2 and said in error, (status, error)
     assert_line(error.removesuffix("\n"))
 
 

@@ -7,7 +7,6 @@ from frames import W
 from radalt.core.altimeter.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
 from radalt.core.altimeter.cfar import Cfar
 from radalt.core.altimeter.cramer_rao import altitude_crb_m, beat_crb_hz
-from radalt.core.altimeter.decimator import Decimator
 from radalt.core.altimeter.sweep_pairing import PairSearch
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -33,21 +32,32 @@ def rms(values: np.ndarray) -> float:
 
 
 # -- accuracy ---------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("kind", ["synthetic", "true_delay"])
-@pytest.mark.parametrize("snr_db", [10.0, 15.0, 20.0])
-def test_error_is_near_the_cramer_rao_bound(snr_db, kind):
-    """White noise: within 1.3 of the bound, without bias; a true delay's tail on the other slope is left out."""
+@pytest.mark.parametrize(
+    ("kind", "snr_db", "low_m", "high_m", "speed", "most"),
+    [
+        *(
+            (kind, snr_db, 3, 1500, 20.0, 1.3)
+            for kind in ("synthetic", "true_delay")
+            for snr_db in (10.0, 15.0, 20.0)
+        ),
+        *(("true_delay", 10.0, 40, 1400, speed, 1.1) for speed in (0.0, 20.0, 150.0)),
+    ],
+)
+def test_error_is_near_the_cramer_rao_bound(kind, snr_db, low_m, high_m, speed, most):
+    """White noise, any speeds allowed: within 1.1 of it, at the span's ends, where a true delay's tail is on the other
+    slope, 1.3; without bias."""
     rng = np.random.default_rng(int(snr_db))
-    altitudes = rng.uniform(3, 1500, 400)
-    result = Altimeter(W).process(frames_of(kind, altitudes) + noise((400, 7500), snr_db, rng))
+    altitudes = rng.uniform(low_m, high_m, 600)
+    altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed))
+    result = altimeter.process(frames_of(kind, altitudes) + noise((600, 7500), snr_db, rng))
     error = result["altitude_m"] - altitudes
     # v = c (f_up + f_down) / 4 f_c of two independent beats
     bound, speed_bound = altitude_crb_m(W, snr_db), C / (4 * 4.3e9) * np.sqrt(2) * beat_crb_hz(W, snr_db)
     assert result["valid"].all()
     np.testing.assert_array_equal(result["altitude_m"], result["forced_altitude_m"])
-    assert 0.9 < rms(error) / bound < 1.3
+    assert 0.9 < rms(error) / bound < most
     assert abs(error.mean()) < 0.15 * bound + 1e-3
-    assert 0.9 < rms(result["vertical_speed_m_per_s"]) / speed_bound < 1.3
+    assert speed == 0.0 or 0.9 < rms(result["vertical_speed_m_per_s"]) / speed_bound < 1.3
 
 
 def reference_altitude(frame: np.ndarray) -> float:
@@ -246,7 +256,7 @@ def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude)
 
 
 @pytest.mark.parametrize("altitude", [200.0, 1600.0])
-def test_a_weak_return_within_the_span_is_not_declared_beside_a_strong_one_beyond_either_end(altitude):
+def test_a_weak_return_within_the_span_is_not_declared_with_a_strong_one_beyond_either_end(altitude):
     frames = point_return(W, np.full(4, altitude)) + 0.25 * point_return(W, np.full(4, 800.0))
     frames += noise((4, 7500), 20.0, np.random.default_rng(1))
     result = Altimeter(W, AltimeterSettings(min_altitude_m=300.0)).process(frames)
@@ -254,32 +264,29 @@ def test_a_weak_return_within_the_span_is_not_declared_beside_a_strong_one_beyon
     assert list(result["reason"]) == 4 * [Reason.OUT_OF_RANGE]
 
 
-@pytest.mark.parametrize("width_hz", [50e3, 246e3, 260e3, 6e6])
-def test_decimated_half_sweeps_are_the_plain_convolution_and_alone_what_they_are_together(width_hz):
-    decimator, rng = Decimator(3750, 7.5e6, width_hz), np.random.default_rng(2)
-    frames = rng.standard_normal((3, 2, 7500), dtype=np.float32).view(np.complex64)
-    table = rng.standard_normal((2, 7500), dtype=np.float32).view(np.complex64)
-    found, d = decimator.mix(frames, table), decimator.factor
-    for at in np.ndindex(3, 2):
-        whole = np.convolve(frames[at].astype(complex) * table[at[1]], decimator.taps)
-        wanted = np.pad(whole, (0, d))[d - 1 :: d][: decimator.outputs]
-        np.testing.assert_allclose(found[at], wanted, atol=1e-5)
-    # it is scaled through a view
-    assert found.shape == (3, 2, decimator.outputs) and found.flags.c_contiguous
-    assert b"".join(decimator.mix(frame[None], table).tobytes() for frame in frames) == found.tobytes()
+PLACE = np.mod(np.arange(7500), 3750)
 
 
-@pytest.mark.parametrize(("shown", "snr_db"), [("edges", 10.0), ("pieces", -10.0)])
-def test_return_of_which_a_method_left_edges_or_pieces_is_read_at_its_peak(shown, snr_db):
-    """Two slits make side lobes nearly as high as the peak 20 m away; those of five pieces are no coloured noise."""
+@pytest.mark.parametrize(
+    ("kept", "snr_db", "speed", "given", "within_m"),
+    [
+        (np.abs(PLACE - 1875) > 0.3 * 3750, 10.0, 20.0, "altitude_m", 10.0),
+        (np.isin(PLACE // 150, (2, 6, 11, 15, 21)), -10.0, 20.0, "altitude_m", 10.0),
+        (np.abs(PLACE - 1875) > 0.37 * 3750, 0.0, 0.0, "forced_altitude_m", 5.0),
+    ],
+    ids=["edges", "pieces", "edges 0.74 apart"],
+)
+def test_return_of_which_a_method_left_edges_or_pieces_is_read_at_its_peak(
+    kept, snr_db, speed, given, within_m
+):
+    """Two slits make side lobes nearly as high as the peak 20 m away; those of five pieces are no coloured noise. Of
+    edges 0.74 of a sweep apart the lobe is 0.3 dB lower: on the spectrum's own cells 0.85 would be right."""
     rng = np.random.default_rng(8)
     altitudes = rng.uniform(30, 1470, 200)
     frames = frames_of("true_delay", altitudes) + noise((200, 7500), snr_db, rng)
-    place = np.mod(np.arange(7500), 3750)
-    pieces = np.isin(place // 150, (2, 6, 11, 15, 21))
-    kept = pieces if shown == "pieces" else np.abs(place - 1875) > 0.3 * 3750
-    error = Altimeter(W).process(frames * kept)["altitude_m"] - altitudes
-    assert np.mean(np.abs(error) < 10.0) > 0.97
+    altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed))
+    error = altimeter.process(frames * kept)[given] - altitudes
+    assert np.mean(np.abs(error) < within_m) > 0.97
 
 
 def test_a_half_sweep_that_shows_no_peak_leaves_the_altitude_to_the_other():
@@ -305,17 +312,6 @@ def test_a_stronger_return_beyond_the_span_is_the_return(amplitude, said):
         assert result["forced_altitude_m"] == pytest.approx(300.0, abs=5.0)
 
 
-@pytest.mark.parametrize("speed", [0.0, 20.0, 150.0])
-def test_error_is_the_cramer_rao_bound_at_every_allowed_speed(speed):
-    """Issue: at most 1.1 times the bound in white noise."""
-    rng = np.random.default_rng(31)
-    altitudes = rng.uniform(40, 1400, 600)
-    frames = point_return(W, altitudes) + noise((600, 7500), 10.0, rng)
-    result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed)).process(frames)
-    assert result["valid"].all()
-    assert rms(result["altitude_m"] - altitudes) < 1.1 * altitude_crb_m(W, 10.0)
-
-
 def test_the_pair_is_the_best_of_all_that_the_speeds_allow():
     """Brute force over all pairs of points, two per cell, and over the rivals beyond a main lobe."""
     rng = np.random.default_rng(32)
@@ -335,21 +331,11 @@ def test_the_pair_is_the_best_of_all_that_the_speeds_allow():
             assert rival[k] == pytest.approx(max(rivals))
 
 
-def test_a_return_between_two_cells_is_not_outdone_by_its_grating_lobe_on_one():
-    """Two edges of a sweep 0.74 apart: the lobe is 0.3 dB lower. On the spectrum's own cells 0.85 would be right."""
-    rng = np.random.default_rng(34)
-    altitudes = rng.uniform(100, 1400, 200)
-    edges = np.abs(np.mod(np.arange(7500), 3750) - 1875) > 0.37 * 3750
-    frames = (point_return(W, altitudes) + noise((200, 7500), 0.0, rng)) * edges
-    result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0)).process(frames)
-    assert np.mean(np.abs(result["forced_altitude_m"] - altitudes) < 5.0) > 0.97
-
-
 def test_a_speed_from_the_track_decides_between_grating_lobes():
     """Two edges of a sweep 0.7 apart leave lobes 28 m next to the peak, which pass for a speed if speeds are free."""
     rng = np.random.default_rng(33)
     altitudes = rng.uniform(100, 1400, 300)
-    edges = np.abs(np.mod(np.arange(7500), 3750) - 1875) > 0.35 * 3750
+    edges = np.abs(PLACE - 1875) > 0.35 * 3750
     frames = (point_return(W, altitudes) + noise((300, 7500), -13.0, rng)) * edges
     free = FAST.process(frames)
     known = FAST.process(frames, vertical_speed_m_per_s=(-2.0, 2.0))

@@ -2,7 +2,6 @@
 
 import csv
 import os
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -251,28 +250,10 @@ def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs():
 def test_what_puts_a_case_outside_the_claim_is_stated_on_the_pages_of_the_limits(root):
     tracker, leakage = ((root / f"docs/{name}.md").read_text() for name in ("tracker", "leakage"))
     limits = tracker.split("## What it cannot tell")[1].split("##")[0]
-    assert limits.count("\n- ") <= 10
+    assert limits.count("\n| ") <= 1 + 10  # a heading
     for case in cases():
         assert case.known in limits + leakage.split("### Limits")[1], case.name
         assert case.known_limit == (case.known != "")
-
-
-def test_pages_give_the_numbers_of_the_published_table(root):
-    """Hazardous outputs and outputs inside the claim, numerator and denominator of the same cases."""
-    kinds = csv.DictReader((root / "docs/data/integrity_kinds.csv").open())
-    rows = [r for r in kinds if r["known_limit"] == "0"]
-
-    def numbers(mine: list[dict]) -> tuple[int, int]:
-        return sum(int(r["hazardous"]) for r in mine), sum(int(r["outputs"]) for r in mine)
-
-    pattern = re.compile(r"([\d,]+) of ([\d,]+) tracked outputs (?:is|are) hazardous")
-    for page in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
-        found = [tuple(int(n.replace(",", "")) for n in m) for m in pattern.findall(page.read_text())]
-        if page.name == "integrity.md":
-            assert found[:2] == [numbers(rows), numbers([r for r in rows if r["method"] == "tcae"])]
-        else:
-            assert set(found) <= {numbers(rows)}, page.name
-            assert found or page.name != "tracker.md"
 
 
 def test_a_flight_counts_once_however_many_of_its_outputs_are_hazardous():

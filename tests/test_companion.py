@@ -19,33 +19,28 @@ FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
 SECTIONS_FROM = 216  # below options, parameters and variables
 
 
-def companion(folder: Path, paths: list[Path], descriptions: str, *options: str) -> dict:
-    """What one run of the companion says of these flowgraphs, with the environment of `make grc`."""
-    packages = sysconfig.get_path("purelib")
-    environment = os.environ | {
-        "HOME": str(folder),
-        "PYTHONPATH": f"{ROOT / 'python'}:{packages}",
-        "GRC_BLOCKS_PATH": descriptions,
-        "GR_CONF_GRC_XTERM_EXECUTABLE": "/dev/null",
-        # GNU Radio's own, and not what may be installed of ours
-        "GR_CONF_GRC_GLOBAL_BLOCKS_PATH": f"{gr.prefix()}/share/gnuradio/grc/blocks",
-    }
-    probe = ["/usr/bin/python3", ROOT / "tests/companion_probe.py", *options, *paths]
-    done = ran("xvfb-run", "-a", *probe, cwd=folder, env=environment, limit_s=100)
-    lines = [line for line in done.stdout.splitlines() if line.startswith("PROBE ")]
-    assert len(lines) == 1, f"the companion ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return json.loads(lines[0].removeprefix("PROBE "))
-
-
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory) -> dict:
-    """Every flowgraph of the module in one companion, by file name; the simulated bench and the radios' are run."""
+    """Every flowgraph of the module in one companion, with the environment of `make grc`, by file name; the simulated
+    bench and the radios' are run."""
     folder, first = tmp_path_factory.mktemp("home"), ["ota_sim.grc", "ota_b210.grc"]
     paths = [Path(shutil.copy(path, folder)) for path in FLOWGRAPHS]
     if (kept := Path.home() / ".cache/grc_gnuradio").is_dir():  # the blocks' descriptions, read before
         shutil.copytree(kept, folder / ".cache/grc_gnuradio")
     paths.sort(key=lambda path: (path.name not in first, path.name == first[1]))
-    report = companion(folder, paths, str(ROOT / "grc"), "--run", "2")
+    environment = os.environ | {
+        "HOME": str(folder),
+        "PYTHONPATH": f"{ROOT / 'python'}:{sysconfig.get_path('purelib')}",
+        "GRC_BLOCKS_PATH": str(ROOT / "grc"),
+        "GR_CONF_GRC_XTERM_EXECUTABLE": "/dev/null",
+        # GNU Radio's own, and not what may be installed of ours
+        "GR_CONF_GRC_GLOBAL_BLOCKS_PATH": f"{gr.prefix()}/share/gnuradio/grc/blocks",
+    }
+    probe = ["/usr/bin/python3", ROOT / "tests/companion_probe.py", "--run", "2", *paths]
+    done = ran("xvfb-run", "-a", *probe, cwd=folder, env=environment, limit_s=100)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("PROBE ")]
+    assert len(lines) == 1, f"the companion ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    report = json.loads(lines[0].removeprefix("PROBE "))
     pages = {Path(page["file"]).name: page for page in report["pages"]}
     return pages | {"consoles": dict(zip(first, report["consoles"], strict=True))}
 

@@ -27,19 +27,17 @@ EMITTERS = {
 }
 
 
-def emitter(name):
-    return parse_scene({"interference": EMITTERS[name]}).interference[0].emitter
+def jammed(rng, name, sir_db, overlap):
+    """Clean frames at 10 dB with interference of this name."""
+    emitter = parse_scene({"interference": EMITTERS[name]}).interference[0].emitter
+    frames = clean(rng, 10.0)
+    return frames + interference_frames([Interferer(emitter, sir_db, overlap)], *frames.shape, W.rate_hz, rng)
 
 
 @pytest.mark.parametrize("overlap", [0.05, 1.0])
 @pytest.mark.parametrize("name", list(EMITTERS))
 def test_interference_at_10_db_is_missed_in_less_than_one_of_a_thousand(name, overlap):
-    rng = np.random.default_rng(7)
-    frames = clean(rng, 10.0)
-    frames += interference_frames(
-        [Interferer(emitter(name), sir_db=10.0, overlap=overlap)],
-        FRAMES, W.samples_per_frame, W.rate_hz, rng,
-    )  # fmt: skip
+    frames = jammed(np.random.default_rng(7), name, 10.0, overlap)
     levels = InterferenceDetector(W).residual_db(frames)
     # stronger than counting a hundred: the threshold lies more than 3.1 standard deviations below the mean
     assert (levels.mean() - -8.0) / levels.std() > 3.1
@@ -76,10 +74,5 @@ def test_a_return_in_white_noise_is_seen_as_that(snr_db):
 @pytest.mark.parametrize("sir_db", [-5.0, -50.0])
 @pytest.mark.parametrize("overlap", [0.1, 1.0])
 @pytest.mark.parametrize("name", ["qpsk", "tones", "pulses", "nr"])
-def test_interference_with_room_beside_it_is_not_white(name, overlap, sir_db):
-    rng = np.random.default_rng(13)
-    frames = clean(rng, 10.0) + interference_frames(
-        [Interferer(emitter(name), sir_db=sir_db, overlap=overlap)],
-        FRAMES, W.samples_per_frame, W.rate_hz, rng,
-    )  # fmt: skip
-    assert not InterferenceDetector(W).white(frames).any()
+def test_interference_with_room_next_to_it_is_not_white(name, overlap, sir_db):
+    assert not InterferenceDetector(W).white(jammed(np.random.default_rng(13), name, sir_db, overlap)).any()

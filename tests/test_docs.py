@@ -32,6 +32,7 @@ from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
 ROOT = Path(__file__).resolve().parent.parent
+ENV = os.environ | {"PYTHONPATH": str(ROOT / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
 LINK = re.compile(r"\]\((?:([\w-]+)\.md)?(?:#([\w-]+))?\)")  # to a page, its heading, or a heading here
 
 
@@ -55,8 +56,7 @@ def test_the_scene_reference_is_what_the_code_gives():
 
 def test_the_first_flowgraph_measures_more_with_whitening_than_without(root):
     """QPSK at -28 dB over half the sweep: no mitigation loses frames, whitening next to none."""
-    env = os.environ | {"PYTHONPATH": str(root / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
-    done = ran_python(root / "examples/first_flowgraph.py", env=env)
+    done = ran_python(root / "examples/first_flowgraph.py", env=ENV)
     assert done.returncode == 0, done.stderr
     pattern = r"^(\w+) +(\d+) frames, declared (\d+), within 5 m (\d+)$"
     rows = {name: [int(n) for n in numbers] for name, *numbers in re.findall(pattern, done.stdout, re.M)}
@@ -72,8 +72,7 @@ def test_own_samples_are_measured_from_the_altitude_of_the_first_sweeps(root, tm
     samples = point_return(Waveform(), altitudes_m).ravel()
     samples += 0.3 * rng.normal(size=(samples.size, 2)).view(complex).ravel()
     samples.astype(np.complex64).tofile(tmp_path / "samples.cf32")
-    env = os.environ | {"PYTHONPATH": str(root / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
-    done = ran_python(root / "examples/own_samples.py", tmp_path / "samples.cf32", "500", env=env)
+    done = ran_python(root / "examples/own_samples.py", tmp_path / "samples.cf32", "500", env=ENV)
     assert done.returncode == 0, done.stderr
     count, first, last = re.search(r"(\d+) altitudes from ([\d.]+) m to ([\d.]+) m", done.stdout).groups()
     assert int(count) > 100 and abs(float(first) - 500) < 5 and abs(float(last) - 620) < 5
@@ -305,8 +304,7 @@ def test_a_snippet_runs_as_a_file_as_printed(name, tmp_path, monkeypatch, capfd)
         pytest.importorskip(module)
     (tmp_path / "snippet.py").write_text(SNIPPETS[name], encoding="utf-8")
     if "__main__" in SNIPPETS[name]:  # its workers import it
-        env = os.environ | {"PYTHONPATH": str(ROOT / "python"), "OMP_NUM_THREADS": "1"}
-        done = ran_python("snippet.py", cwd=tmp_path, env=env)
+        done = ran_python("snippet.py", cwd=tmp_path, env=ENV)
         assert (done.returncode, done.stderr) == (0, "")
         return
     monkeypatch.chdir(tmp_path)

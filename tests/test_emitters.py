@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from test_effects import EVERYTHING
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from radalt.core.interference.effects import ImpairedEmitter, Impairments
+from radalt.core.interference.effects import ImpairedEmitter
 from radalt.core.interference.emitters import NamedEmitter, emitter_class, emitter_names, register
 from radalt.core.interference.emitters.faa_91_220 import FaaMask
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.pulsed_radar import PulsedRadarEmitter
-from radalt.core.interference.multipath import FadingChannel
 from radalt.core.interference.receiver_filter import resample_periodic
 
 RATE_HZ = 7.5e6
@@ -148,10 +148,9 @@ EVERY_TYPE = {
     "qpsk": QpskEmitter(),
     "nr5": NrEmitter(carrier_hz=-0.8e6, load=0.4),
     "nr10": NrEmitter(channel_bandwidth_hz=10e6, carrier_hz=2.2e6),
-    "faded nr10": ImpairedEmitter(
-        emitter=NrEmitter(channel_bandwidth_hz=10e6),
-        effects=Impairments(fading=FadingChannel(profile="EVA", doppler_hz=400.0)),
-    ),
+    "nr with every effect": ImpairedEmitter(emitter=NrEmitter(), effects=EVERYTHING),
+    "qpsk with every effect": ImpairedEmitter(emitter=QpskEmitter(), effects=EVERYTHING),
+    "tones with every effect": ImpairedEmitter(emitter=ToneEmitter(3), effects=EVERYTHING),
     "fmcw": FmcwEmitter(sweep_bandwidth_hz=40e6, sweep_period_s=2e-3),
     "pulsed": PulsedRadarEmitter(),
     "faa": FaaMask(),
@@ -168,7 +167,7 @@ def test_sir_and_overlap_are_exact_for_every_type_and_windows_follow_the_seed(na
         sir_db, overlap = rng.uniform(-40, 0), rng.uniform(0.05, 1.0)
         interferer = Interferer(EVERY_TYPE[name], sir_db=sir_db, overlap=overlap)
         frame = interference_frames([interferer], 1, 7500, RATE_HZ, rng)[0]
-        assert -10 * np.log10(np.mean(np.abs(frame) ** 2)) == pytest.approx(sir_db, abs=0.01)
+        assert -10 * np.log10(np.mean(np.abs(frame) ** 2)) == pytest.approx(sir_db, abs=1e-9)
         active = np.flatnonzero(frame)
         assert active[-1] - active[0] < round(overlap * 7500)
         if name != "pulsed":  # which is truly silent between its pulses
@@ -181,6 +180,7 @@ def test_every_emitter_file_holds_the_emitter_of_its_name():
         assert emitter.scene_name == name
         assert emitter.label.startswith(name) and " " not in emitter.label
         assert emitter.title(7.5e6)
+    assert "amplifier 6 dB backed off" in EVERY_TYPE["nr with every effect"].title(7.5e6)
 
 
 @pytest.mark.parametrize("name", ["qpsk", "nr", "", "two words"])

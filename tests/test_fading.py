@@ -40,22 +40,16 @@ def rms_delay_s(channel):
     return np.sqrt(np.sum(power * (delay - mean) ** 2) / power.sum())
 
 
+LTE = {"EPA": 43e-9, "EVA": 357e-9, "ETU": 991e-9, "PA": 46e-9}
+
+
 @pytest.mark.parametrize("name", list(PROFILES))
-def test_powers_sum_to_one(name):
-    channel = FadingChannel(profile=name)
-    assert channel.powers.sum() + channel.los_power == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("name", ["TDL-A", "TDL-B", "TDL-C", "TDL-D", "TDL-E"])
-def test_tdl_tables_have_the_delay_spread_they_are_scaled_to(name):
+def test_powers_sum_to_one_and_delays_have_the_published_spread(name):
     """TR 38.901 normalises its tables to a unit RMS delay spread: any wrong entry shows here."""
     channel = FadingChannel(profile=name, delay_spread_s=300e-9)
-    assert rms_delay_s(channel) == pytest.approx(300e-9, rel=0.01)
-
-
-@pytest.mark.parametrize(("name", "rms_s"), [("EPA", 43e-9), ("EVA", 357e-9), ("ETU", 991e-9), ("PA", 46e-9)])
-def test_lte_profiles_have_their_published_delay_spread(name, rms_s):
-    assert rms_delay_s(FadingChannel(profile=name)) == pytest.approx(rms_s, rel=0.01)
+    assert channel.powers.sum() + channel.los_power == pytest.approx(1.0)
+    if name != "RA4":  # whose spread nobody states
+        assert rms_delay_s(channel) == pytest.approx(LTE.get(name, 300e-9), rel=0.01)
 
 
 @pytest.mark.parametrize(("name", "k_db"), [("TDL-D", 13.3), ("TDL-E", 22.0)])

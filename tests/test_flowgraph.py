@@ -1,10 +1,8 @@
 """The flowgraphs: rewritten mechanically, valid for GNU Radio's own compiler, and right when they run."""
 
 import ast
-import contextlib
-import importlib.util
+import functools
 import inspect
-import io
 import os
 import shlex
 import signal
@@ -26,42 +24,27 @@ from waiting import patient, ran, ran_python
 from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.scene import load_scene, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
-from radalt.evaluation.flowgraph.generate import generate, prepare
+from radalt.evaluation.flowgraph.generate import Prepared, _platform, generate, grc_dirs, prepare
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
-from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.flowgraph.run import load_class, run_point
 from radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
+B210, SIM = (ROOT / f"flowgraphs/{name}.grc" for name in ("ota_b210", "ota_sim"))
 DESCRIPTIONS = sorted((ROOT / "grc").glob("*.block.yml"))
 UHD = {"radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"}
 GATES = {"radar_gate", "jammer_gate"}
 RADIOS_ALONE = {"import_interlock", "import_levels", "set_up_radios", "transmit", "transmit_interlock"}
 
 
-@pytest.fixture(scope="module")
-def b210() -> dict:
-    return load_grc(ROOT / "flowgraphs/ota_b210.grc")
-
-
-@pytest.fixture(scope="module")
-def platform():
-    """GNU Radio's own companion, without its window, with our descriptions next to its own."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        from gnuradio.grc.core.platform import Platform
-
-    made = Platform(
-        version=gr.version(),
-        version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
-        prefs=gr.prefs(),
-    )
-    made.build_library([*made.config.block_paths, str(ROOT / "grc")])
-    return made
+grc = functools.cache(load_grc)  # nobody changes it in place
 
 
 # -- the rewrite ------------------------------------------------------------------------------------------------------
-def test_only_what_stands_for_radios_differs(b210):
+def test_only_what_stands_for_radios_differs():
     """Every other block, its parameters, state: equal, but that nothing is dropped. Every other connection: equal."""
+    b210 = grc(B210)
     simulated = simulate(b210)
     dropping = next(b for b in simulated["blocks"] if b["name"] == "drop_when_slow")
     assert dropping["parameters"].pop("value") == "0"
@@ -90,29 +73,20 @@ def test_only_what_stands_for_radios_differs(b210):
     assert simulated["metadata"] == b210["metadata"]
 
 
-@pytest.mark.parametrize("name", ["ota_b210", "ota_live"])
-def test_nothing_but_a_gate_feeds_a_transmitter(name):
-    data = load_grc(ROOT / f"flowgraphs/{name}.grc")
-    sinks = {block["name"] for block in data["blocks"] if block["id"] == "uhd_usrp_sink"}
-    assert sinks == {"radar_usrp_sink", "jammer_usrp_sink"}
-    fed = {sink: source for source, _, sink, _ in data["connections"] if sink in sinks}
-    assert fed == {"radar_usrp_sink": "radar_gate", "jammer_usrp_sink": "jammer_gate"}
-    gates = {b["name"]: b["parameters"] for b in data["blocks"] if b["name"] in GATES}
-    assert {g["transmit"] for g in gates.values()} == {"bool(transmit)"}
-    assert {b["id"] for b in data["blocks"] if b["name"] in GATES} == {"radalt_transmit_gate"}
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_nothing_but_a_gate_feeds_a_transmitter(path):
+    """And of the shipped flowgraphs those for radios alone have one."""
+    data, radios = grc(path), path.stem in ("ota_b210", "ota_live")
+    sinks = {b["name"] for b in data["blocks"] if "sink" in b["id"] and "uhd" in b["id"]}
+    assert sinks == ({"radar_usrp_sink", "jammer_usrp_sink"} if radios else set())
+    fed = [(source, sink) for source, _, sink, _ in data["connections"] if sink in sinks]
+    assert sorted(fed) == sorted((sink.replace("usrp_sink", "gate"), sink) for sink in sinks)
+    gates = {(b["id"], b["parameters"]["transmit"]) for b in data["blocks"] if b["name"] in GATES}
+    assert gates == ({("radalt_transmit_gate", "bool(transmit)")} if radios else set())
 
 
-def test_no_shipped_flowgraph_has_a_transmitter_but_those():
-    with_sinks = {
-        path.stem
-        for path in FLOWGRAPHS
-        if any("sink" in b["id"] and "uhd" in b["id"] for b in load_grc(path)["blocks"])
-    }
-    assert with_sinks == {"ota_b210", "ota_live"}
-
-
-def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
-    simulated = simulate(b210)
+def test_prune_disables_what_the_scene_does_not_need_and_nothing_else():
+    simulated = simulate(grc(B210))
     pruned = prune(simulated, ["none", "whitening"], jammer=False)
     disabled = {b["name"] for b in pruned["blocks"] if b["states"]["state"] == "disabled"}
     before = {b["name"] for b in simulated["blocks"] if b["states"]["state"] == "disabled"}
@@ -124,42 +98,20 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
     assert full == simulated
 
 
-def imported(file: Path, name: str):
-    """The generated module; importing it proves what validity does not."""
-    spec = importlib.util.spec_from_file_location(f"generated_{name}", file)
-    module = importlib.util.module_from_spec(spec)
-    argv, sys.argv = sys.argv, [str(file)]
-    sys.path.insert(0, str(file.parent))  # Embedded Python Blocks are modules next to it
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        sys.argv = argv
-        sys.path.remove(str(file.parent))
-    return module
-
-
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
-def test_flowgraph_validates_compiles_and_imports(path, platform, tmp_path, capsys):
-    graph = platform.make_flow_graph(str(path))
-    graph.grc_file_path = str(path)
-    graph.rewrite()
-    graph.validate()
-    assert [b.name for b in graph.blocks if b.is_dummy_block] == []
-    assert [f"{getattr(e, 'name', e)}: {m}" for e, m in graph.iter_error_messages()] == []
-    assert graph.is_valid()
-    platform.Generator(graph, str(tmp_path)).write()
-    name = graph.get_option("id")
-    assert name == path.stem
-    module = imported(tmp_path / f"{name}.py", name)
-    top = getattr(module, name)
+def test_flowgraph_validates_compiles_and_imports(path, tmp_path):
+    """The compiler refuses a missing block and an error; importing proves what validity does not."""
+    module = generate(grc(path), tmp_path)
+    assert module.stem == path.stem
+    top = load_class(Prepared(module))
     assert issubclass(top, gr.top_block)
     assert {"scene_file", "seed"} <= inspect.signature(top.__init__).parameters.keys()
 
 
 # -- descriptions -----------------------------------------------------------------------------------------------------
-def rendered(platform, key: str, **values: str) -> tuple[str, list[str]]:
-    """Constructor and callbacks of a block as the compiler writes them, the block being named ``it``."""
-    graph = platform.make_flow_graph()
+def rendered(key: str, **values: str):
+    """Constructor, callbacks and errors of a block named ``it`` as the compiler has them, and the block."""
+    graph = _platform(*grc_dirs()).make_flow_graph()
     scene = graph.new_block("variable")
     scene.params["id"].set_value("scene")
     scene.params["value"].set_value("__import__('radalt.core.scene', fromlist=['Scene']).Scene()")
@@ -173,11 +125,14 @@ def rendered(platform, key: str, **values: str) -> tuple[str, list[str]]:
 
 
 @pytest.mark.parametrize("path", DESCRIPTIONS, ids=lambda p: p.name.removesuffix(".block.yml"))
-def test_description_renders_to_valid_python_that_fits_the_class(path, platform):
+def test_description_fits_the_class_and_makes_the_block_for_every_option_of_its_choices(
+    path, tmp_path, monkeypatch
+):
+    """The constructor and callbacks that the compiler writes are run, for the defaults and for every choice."""
+    monkeypatch.chdir(tmp_path)  # a recorder writes next to where it runs
     key = path.name.removesuffix(".block.yml")
-    make, callbacks, errors, block = rendered(platform, key)
-    assert errors == []
     cls = getattr(radalt, key.removeprefix("radalt_"))
+    make, callbacks, _, block = rendered(key)
     call = ast.parse(make.strip(), mode="eval").body
     assert ast.unparse(call.func) == f"radalt.{cls.__name__}"
     arguments = [None] * len(call.args)
@@ -193,23 +148,10 @@ def test_description_renders_to_valid_python_that_fits_the_class(path, platform)
     for parameter in yaml.safe_load(path.read_text(encoding="utf-8"))["parameters"]:
         assert parameter["label"].partition(" (")[0].lower() in text, parameter["label"]
     assert ast.parse(block.templates.render("imports"))
-
-
-@pytest.mark.parametrize("path", DESCRIPTIONS, ids=lambda p: p.name.removesuffix(".block.yml"))
-def test_description_makes_the_block_for_every_option_of_its_choices(path, platform, tmp_path, monkeypatch):
-    """The rendered constructor and callbacks are run, once for the defaults and once for every choice."""
-    monkeypatch.chdir(tmp_path)  # a recorder writes next to where it runs
-    key = path.name.removesuffix(".block.yml")
-    if key == "radalt_sigmf_source":
-        pytest.importorskip("sigmf")
-    _, _, _, block = rendered(platform, key)
-    cases = [{}]
-    for name, param in block.params.items():
-        if param.dtype == "enum" and name not in ("type",):
-            cases += [{name: option} for option in param.options]
+    choices = [(n, p.options) for n, p in block.params.items() if p.dtype == "enum" and n != "type"]
     scene = load_scene("paper_qpsk")
-    for case in cases:
-        make, callbacks, errors, _ = rendered(platform, key, **case)
+    for case in [{}, *({name: option} for name, options in choices for option in options)]:
+        make, callbacks, errors, _ = rendered(key, **case)
         assert errors == []
         if key == "radalt_sigmf_source":
             continue  # needs a recording; made where recordings are tested
@@ -222,9 +164,13 @@ def test_description_makes_the_block_for_every_option_of_its_choices(path, platf
 
 
 # -- running ----------------------------------------------------------------------------------------------------------
+WHOLE_SPAN = {"programme_m": np.geomspace(1500, 3, 10).tolist(), "frames": 5}
+LANDING = {"programme_m": [1200.0, 400.0, 60.0], "frames": 6, "vertical_speed_m_per_s": -60.0}
+
+
 def scene_of(**keys):
     base = {
-        "altitude": {"programme_m": np.geomspace(1500, 3, 10).tolist(), "frames": 5},
+        "altitude": WHOLE_SPAN,
         "channel": {"snr_db": 20.0},
         "methods": ["none"],
     }
@@ -244,37 +190,29 @@ def jammed(tmp_path_factory):
     return prepare(scene, ["none", "whitening", "lms"], tmp_path_factory.mktemp("jammed"))
 
 
-def trial_errors(result, scene, method: str = "none") -> np.ndarray:
-    programme, rows = scene.altitude.programme, result.results[method]
-    rows = rows[programme.is_trial(rows["frame_index"])]
-    return rows["altitude_m"] - programme.altitude_m(rows["frame_index"])
-
-
-@pytest.mark.parametrize(("mode", "seed"), [("synthetic", 1), ("true_delay", 2)])
-def test_altitude_is_right_from_three_metres_to_fifteen_hundred(clear, mode, seed):
-    """Issue 2: no interference, 20 dB SNR, unknown start offset with its fraction: RMSE below 0.5 m."""
-    altitude = {"programme_m": np.geomspace(1500, 3, 10).tolist(), "frames": 5, "mode": mode}
-    scene = scene_of(altitude=altitude, seed=seed)
+@pytest.mark.parametrize(
+    ("altitude", "leakage_db", "seed"),
+    [
+        (WHOLE_SPAN | {"mode": "synthetic"}, None, 1),
+        (WHOLE_SPAN | {"mode": "true_delay"}, None, 2),
+        (LANDING | {"mode": "true_delay"}, -20.0, 1),
+    ],
+    ids=["synthetic", "true delay", "landing with leakage"],
+)
+def test_altitude_and_speed_are_right_from_three_metres_to_fifteen_hundred(clear, altitude, leakage_db, seed):
+    """No interference, 20 dB SNR, unknown start offset with its fraction: RMSE below 0.5 m."""
+    scene = scene_of(altitude=altitude, channel={"snr_db": 20.0, "leakage_db": leakage_db}, seed=seed)
     assert scene.channel.start_offset_samples is None  # drawn
-    error = trial_errors(run_point(clear, scene, time_limit_s=patient(120)), scene)
-    assert error.size == 50
+    programme, rows = (
+        scene.altitude.programme,
+        run_point(clear, scene, time_limit_s=patient(120)).results["none"],
+    )
+    rows = rows[programme.is_trial(rows["frame_index"])]
+    assert rows.size == altitude["frames"] * len(altitude["programme_m"])
+    error = rows["altitude_m"] - programme.altitude_m(rows["frame_index"])
     assert np.sqrt(np.mean(error**2)) < 0.5  # NaN, a frame without altitude, would fail as well
-
-
-def test_landing_with_vertical_speed_and_leakage(clear):
-    altitude = {
-        "programme_m": [1200.0, 400.0, 60.0],
-        "frames": 6,
-        "mode": "true_delay",
-        "vertical_speed_m_per_s": -60.0,
-    }
-    scene = scene_of(altitude=altitude, channel={"snr_db": 20.0, "leakage_db": -20.0})
-    result = run_point(clear, scene, time_limit_s=patient(120))
-    assert np.sqrt(np.mean(trial_errors(result, scene) ** 2)) < 0.5
-    rows = result.results["none"]
-    speed = rows["vertical_speed_m_per_s"][scene.altitude.programme.is_trial(rows["frame_index"])]
     # where the latency splits a frame's true delay, one frame a step mixes two altitudes' Doppler
-    assert np.median(np.abs(speed + 60.0)) < 1.0
+    assert np.median(np.abs(rows["vertical_speed_m_per_s"] - programme.vertical_speed_m_per_s)) < 1.0
 
 
 def test_same_seed_same_rows_and_another_seed_others(jammed):
@@ -326,47 +264,27 @@ def test_run_beyond_its_time_is_stopped_and_says_so(clear):
         run_point(clear, scene_of(altitude=altitude), time_limit_s=0.5)
 
 
-class Endless:
-    """A flowgraph without an end of its own, as far as the loop that runs it can see."""
-
-    def __init__(self):
-        self.stopped = threading.Event()
-        self.block = types.SimpleNamespace(work=None, error=None)
-
-    def start(self):
-        pass
-
-    def wait(self):
-        self.stopped.wait(30)  # what never stops it fails, and the test with it
-
-    def stop(self):
-        self.stopped.set()
-
-
-class Slow(Endless):
-    """Its blocks need a while to end, as one does that waits for another process."""
-
-    ended = False
-
-    def wait(self):
-        self.stopped.wait(30)
-        time.sleep(0.3)
-        self.ended = True
-
-
 def test_ctrl_c_while_it_waits_lets_every_block_come_to_its_end():
-    """Else the program goes on to close what blocks still use."""
-    top = Slow()
+    """Blocks need a while, as one does that waits for another process; the program goes on to close what they use."""
+    stopped, ended = threading.Event(), []
+
+    def wait():
+        stopped.wait(30)  # what never stops it fails, and the test with it
+        time.sleep(0.3)
+        ended.append(True)
+
+    block = types.SimpleNamespace(work=None, error=None)
+    top = types.SimpleNamespace(block=block, start=lambda: None, wait=wait, stop=stopped.set)
     threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         run_to_end(top, poll_s=5.0)
-    assert top.ended
+    assert ended
 
 
 # -- the companion's Run button ---------------------------------------------------------------------------------------
 def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A generated program, started as the shipped flowgraphs' option *Run Command* says."""
-    command = load_grc(ROOT / "flowgraphs/ota_sim.grc")["options"]["parameters"]["run_command"]
+    command = grc(SIM)["options"]["parameters"]["run_command"]
     words = shlex.split(command.format(python=shlex.quote(sys.executable), filename=shlex.quote(str(module))))
     environment = os.environ | {"PYTHONPATH": f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"}
     return ran(*words, *arguments, env=environment)
@@ -374,12 +292,12 @@ def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str
 
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_run_button_of_every_flowgraph_is_the_one_that_is_tested_here(path):
-    command = load_grc(path)["options"]["parameters"]["run_command"]
+    command = grc(path)["options"]["parameters"]["run_command"]
     assert command == "{python} -u -m radalt.evaluation.flowgraph.companion {filename}"
 
 
 def test_run_button_answers_a_wrong_scene_with_one_line(tmp_path):
-    module = generate(load_grc(ROOT / "flowgraphs/ota_sim.grc"), tmp_path)
+    module = generate(grc(SIM), tmp_path)
     scene = tmp_path / "wrong.yaml"
     scene.write_text("altitude: {frames: -3}\n")
     done = run_button(module, "--scene-file", str(scene))

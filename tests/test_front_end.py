@@ -66,12 +66,6 @@ def test_a_blocker_outside_the_band_needs_its_envelope_alone(power_dbm):
     assert under.modulation == pytest.approx(np.var(weak) / np.mean(weak) ** 2, rel=0.05)
 
 
-def test_noise_leaves_a_distortion_of_its_own_as_the_cubic_says():
-    """``x (1 - |x|^2 / A3^2)``: of Gaussian noise of power P a share of 2 (P / A3^2)^2 is no multiple of the input."""
-    share = AMPLIFIER.with_strong(-40.0, constant_envelope=False).distortion
-    assert share == pytest.approx(2 * 10 ** (2 * (-40.0 + 8.0) / 10), rel=0.05)
-
-
 def test_a_known_modulation_gives_its_lines_on_a_weak_signal():
     """A carrier of power P with AM of depth m: a weak signal's gain, 1 - 2 a^2 / A3^2, has lines of 2 m P / A3^2."""
     n, depth, power_dbm = np.arange(4000), 0.3, -40.0
@@ -113,9 +107,12 @@ def test_bursts_modulate_a_return_with_the_lines_of_their_pattern():
 
 
 def test_small_blockers_act_as_the_cubic_says():
-    """Gain 1 - 2 P / A3^2 next to a Gaussian of power P, modulation (2 P / A3^2)^2; next to a carrier the same mean."""
+    """``x (1 - |x|^2 / A3^2)``: gain 1 - 2 P / A3^2 next to a Gaussian of power P, modulation (2 P / A3^2)^2, of it a
+    share of 2 (P / A3^2)^2 that is no multiple of the input; next to a carrier the same mean."""
     share = 10 ** ((-35.0 + 8.0) / 10)
     gaussian = AMPLIFIER.with_strong(-35.0, constant_envelope=False)
+    weaker = AMPLIFIER.with_strong(-40.0, constant_envelope=False)
+    assert weaker.distortion == pytest.approx(2 * 10 ** (2 * (-40.0 + 8.0) / 10), rel=0.05)
     assert gaussian.weak == pytest.approx(1 - 2 * share, abs=3e-4)
     assert gaussian.modulation == pytest.approx((2 * share) ** 2, rel=0.1)
     carrier = AMPLIFIER.with_strong(-35.0, constant_envelope=True)

@@ -39,8 +39,9 @@ ROOT = Path(__file__).resolve().parent.parent
 ALL = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
 
 
-def fuzz(check, examples: int, *strategies) -> Counter:
-    """Run ``check``, which returns how it ended, on examples of the strategies; counts of the ends."""
+def fuzz(check, examples: int, reached: tuple[str, ...], *strategies) -> None:
+    """Run ``check``, which returns how it ended, on examples of the strategies, and tell how many there were; both ends
+    have to be reached, or the target is too tame or too wild."""
     ends: Counter = Counter()
 
     @settings(max_examples=examples, derandomize=not SECONDS, **ALL)
@@ -49,21 +50,10 @@ def fuzz(check, examples: int, *strategies) -> Counter:
         ends[check(*values)] += 1
 
     last = time.monotonic() + SECONDS / TARGETS
-    while True:
-        once()
-        if time.monotonic() >= last:
-            return ends
-
-
-@pytest.fixture
-def report(request):
-    """Tell how many there were; both ends have to be reached, or the target is too tame or too wild."""
-
-    def tell(ends: Counter, *reached: str) -> None:
-        print(f"{request.node.name}: {sum(ends.values())} examples, {dict(ends)}")
-        assert set(reached) <= set(ends)
-
-    return tell
+    while once() or time.monotonic() < last:
+        pass
+    print(f"{check.__qualname__}: {sum(ends.values())} examples, {dict(ends)}")
+    assert set(reached) <= set(ends)
 
 
 # -- values that no reader wants --------------------------------------------------------------------
@@ -154,7 +144,7 @@ def written(path: Path, text: str) -> Path:
 
 
 # -- the targets ------------------------------------------------------------------------------------
-def test_scenes(tmp_path, report):
+def test_scenes(tmp_path):
     """Any value in any place of a whole scene: read, or refused; what is read is read back the same."""
     path = tmp_path / "it.yaml"
 
@@ -168,7 +158,7 @@ def test_scenes(tmp_path, report):
         assert parse_scene(scene_to_mapping(scene)) == scene
         return "read"
 
-    report(fuzz(check, 50, CHANGES | MILD), "read", "refused")
+    fuzz(check, 50, ("read", "refused"), CHANGES | MILD)
 
 
 SHIPPED = [p.read_text() for p in sorted((ROOT / "flowgraphs/scenes").glob("*.yaml"))]
@@ -186,7 +176,7 @@ def broken_text(draw):
     return text
 
 
-def test_yaml(tmp_path, report):
+def test_yaml(tmp_path):
     """Any text: what is read is what everybody's reader makes of it, but for dates and base 60."""
     path = tmp_path / "it.yaml"
 
@@ -205,7 +195,7 @@ def test_yaml(tmp_path, report):
             assert yaml.safe_load(path.read_bytes()) == data or data != data
         return "read"
 
-    report(fuzz(check, 60, broken_text() | st.text(max_size=60)), "read", "refused")
+    fuzz(check, 60, ("read", "refused"), broken_text() | st.text(max_size=60))
 
 
 OPTIONS = ["--overlap", "--sir-db", "--snr-db", "--altitudes", "--frames", "--seed", "--methods", "--scene", "--jobs",
@@ -222,7 +212,7 @@ AXES = st.one_of(
 LINES = st.lists(st.tuples(st.sampled_from(OPTIONS), AXES), min_size=1, max_size=3)
 
 
-def test_command_lines(tmp_path, report, monkeypatch):
+def test_command_lines(tmp_path, monkeypatch):
     """Any option with any value, on top of a small evaluation's."""
     monkeypatch.chdir(tmp_path)
 
@@ -234,7 +224,7 @@ def test_command_lines(tmp_path, report, monkeypatch):
             return "refused"
         return "planned"
 
-    report(fuzz(check, 25, LINES), "planned", "refused")
+    fuzz(check, 25, ("planned", "refused"), LINES)
 
 
 @pytest.fixture(scope="module")
@@ -254,7 +244,7 @@ def recording(tmp_path_factory):
     return folder
 
 
-def test_recordings(recording, tmp_path, report):
+def test_recordings(recording, tmp_path):
     """Any value in any place of a recording's metadata, and data that were cut."""
     meta = json.loads((recording / "it.sigmf-meta").read_text())
     scene = "global", "radalt:scene"
@@ -281,7 +271,7 @@ def test_recordings(recording, tmp_path, report):
         return "read"
 
     keys = st.lists(st.tuples(st.sampled_from(ways), VALUES), max_size=2)
-    report(fuzz(check, 60, keys, st.sampled_from([0, 0, 0, 8, 3, 72_000])), "read", "refused")
+    fuzz(check, 60, ("read", "refused"), keys, st.sampled_from([0, 0, 0, 8, 3, 72_000]))
 
 
 @pytest.fixture(scope="module")
@@ -344,7 +334,7 @@ def spoil(path: Path, kind: str, at: float, length: int, salt: bytes, values: li
             os.mkfifo(path)
 
 
-def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
+def test_resumed_folders(spoilable, tmp_path, monkeypatch):
     """Whatever became of a run's files: its true rows, or one line."""
     measured_here(monkeypatch)
 
@@ -364,7 +354,7 @@ def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
         assert rows_of(folder) == spoilable["rows.csv"]
         return "resumed"
 
-    report(fuzz(check, 50, spoilt(), spoilt()), "resumed", "refused")
+    fuzz(check, 50, ("resumed", "refused"), spoilt(), spoilt())
 
 
 # -- messages --------------------------------------------------------------------------------------
@@ -383,7 +373,7 @@ REQUESTS = st.one_of(
 )
 
 
-def test_control_messages(report):
+def test_control_messages():
     """Every message gets a reply: a state, or an error of one line."""
     chirp = SimpleNamespace(manual_altitude_m=0.0, set_altitude=lambda m: None)
     sink = SimpleNamespace(active=True, count=3)
@@ -403,5 +393,5 @@ def test_control_messages(report):
         assert_line(reply["error"])
         return "refused"
 
-    report(fuzz(check, 150, REQUESTS), "done", "refused")
+    fuzz(check, 150, ("done", "refused"), REQUESTS)
     assert control.errors == 0

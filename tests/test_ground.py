@@ -8,7 +8,6 @@ from radalt import Altimeter, AltitudeTracker, TrackerSettings
 from radalt.core.returns import terrain
 from radalt.core.returns.point import point_return
 from radalt.core.tracker.tracker import Status
-from radalt.core.waveform import C_M_PER_S
 
 DEGREE_M = 82_700.0  # of longitude at 42 degrees north
 
@@ -33,6 +32,9 @@ def over_ground(seed: int, land, altitude_m: float, *, beam=40.0, roll=0.0, pitc
     ("land", "altitude_m", "attitude"),
     [
         (("constant_gamma", "woods"), 150.0, {}),
+        (("constant_gamma", "mountains"), 30.0, {}),
+        (("constant_gamma", "mountains"), 150.0, {}),
+        (("morchin", "urban_low_relief"), 300.0, {}),
         (("morchin", "mountains"), 1380.0, {"beam": 60.0}),
         (("morchin", "desert"), 40.0, {"beam": 60.0}),
         (("ulaby_dobson", "grass"), 300.0, {"pitch": 15.0}),
@@ -41,10 +43,12 @@ def over_ground(seed: int, land, altitude_m: float, *, beam=40.0, roll=0.0, pitc
     ],
 )
 def test_the_altitude_is_that_of_the_nearest_ground_in_level_flight_and_in_a_bank(land, altitude_m, attitude):
+    """Ground off nadir pulls the peak up by several metres."""
     out = over_ground(4_711, land, altitude_m, **attitude)
     assert np.all(out["status"] == Status.NORMAL)
     error = np.abs(out["altitude_m"] - altitude_m)
-    assert np.all(error < out["protection_level_m"]) and np.all(error <= max(5.0, 0.03 * altitude_m))
+    most_m = max(5.0, 0.03 * altitude_m) if attitude else 3.0
+    assert np.all(error < out["protection_level_m"]) and np.all(error <= most_m)
     assert np.all(out["protection_level_m"] < 8.0 + 0.021 * altitude_m)
 
 
@@ -84,18 +88,3 @@ def test_two_levels_at_rest_within_the_peak_err_by_no_more_than_the_protection_l
             given += 1
             assert abs(out["altitude_m"] - altitude_m) <= out["protection_level_m"]
     assert given >= 5
-
-
-@pytest.mark.parametrize("altitude_m", [20.0, 300.0, 1300.0])
-def test_the_moment_of_two_delays_is_that_of_their_complex_amplitudes_and_a_points_is_zero(altitude_m):
-    point = ALTIMETER.moments(ALTIMETER.spectra(point_return(W, np.array([altitude_m]))))[0, :, 0]
-    assert np.sqrt(np.abs(point)).max() < 0.05  # resolution cells: 1 m
-    near, far = np.exp(
-        2j * np.pi * (0.1 - W.carrier_hz * 2.0 * np.array([altitude_m, altitude_m + 6.0]) / C_M_PER_S)
-    )
-    share = 0.5 * far / (near + 0.5 * far)
-    first, second = (point_return(W, altitude_m + m, phase_cycles=0.1) for m in (0.0, 6.0))
-    frame = first + 0.5 * second
-    moments = ALTIMETER.moments(ALTIMETER.spectra(frame[None]))[0, :, 0]
-    expected = np.abs(share * (1.0 - share)) * (6.0 / W.range_resolution_m) ** 2
-    assert np.abs(moments) == pytest.approx(expected, rel=0.15)

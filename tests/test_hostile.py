@@ -1,8 +1,8 @@
 """Input that once got a traceback, a hang or a wrong yes: each class of it ends with status 2 and one line."""
 
+import itertools
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -73,15 +73,10 @@ def test_the_strict_reader_reads_what_everybodys_reader_reads_but_for_dates(tmp_
     assert load_scene(path).name == "2026-11-22"
 
 
-def fifo(path: Path) -> Path:
-    os.mkfifo(path)
-    return path
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (fifo, "it is a pipe or device"),
+        (lambda path: os.mkfifo(path) or path, "it is a pipe or device"),
         (lambda path: Path("/dev/zero"), "it is a pipe or device"),
         (lambda path: path.parent, "it is a folder"),
         (lambda path: path, "No such file"),
@@ -141,17 +136,6 @@ COMMANDS = {
 ALLOWED = {(control_client, option, "1" * 20) for option in ("--altitude", "--count")}
 
 
-@pytest.mark.parametrize("module", COMMANDS, ids=lambda m: m.__name__)
-def test_hostile_number_of_every_other_command_gets_one_line(module, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    first = ["get"] if module is control_client else []
-    for option in COMMANDS[module].split():
-        for value in HOSTILE_NUMBERS:
-            if (module, option, value) not in ALLOWED:
-                assert_refused(*ended(module.main, *first, f"{option}={value}"))
-    assert list(tmp_path.iterdir()) == []
-
-
 OTHERS = {
     landing_eval: (
         "nothing.yaml", "/dev/zero", "--trajectory=/dev/zero", "--terrain=/dev/zero",
@@ -168,7 +152,7 @@ OTHERS = {
     ),
     integrity: (
         "--methods=none,none", "--groups=noise,noise", "--methods=" + "x" * 999, "--groups=nothing",
-        "--frames=401", "--replay=nothing:1", "--replay=noise:-1",
+        "--frames=401", "--replay=nothing:1", "--replay=noise:-1", "--replay=noise/0@3:1",
     ),
     collect: ("nothing", "/dev/zero", "a\0b"),
     gallery: ("--out=/dev/null/x.png", "--out=x"),
@@ -189,12 +173,18 @@ OTHERS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("module", OTHERS, ids=lambda m: m.__name__)
-def test_hostile_line_of_every_other_command_gets_one_line(module, tmp_path, monkeypatch):
+@pytest.mark.parametrize("module", COMMANDS | OTHERS, ids=lambda m: m.__name__)
+def test_hostile_number_and_line_of_every_other_command_gets_one_line(module, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(control_client, "TIMEOUT_MS", 200)
-    for line in OTHERS[module]:
-        assert_refused(*ended(module.main, *line.split(" ")))
+    lines, first = [line.split(" ") for line in OTHERS.get(module, ())], ["get"] * (module is control_client)
+    pairs = itertools.product(COMMANDS.get(module, "").split(), HOSTILE_NUMBERS)
+    lines += [
+        [*first, f"{option}={value}"] for option, value in pairs if (module, option, value) not in ALLOWED
+    ]
+    for line in lines:
+        assert_refused(*ended(module.main, *line))
+    assert module not in COMMANDS or list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("after_s", [0.05, 0.8])
@@ -265,15 +255,6 @@ def test_hostile_network_is_refused(tmp_path):
         assert_line(str(caught.value))
 
 
-def in_a_namespace(script: str, *arguments: object) -> subprocess.CompletedProcess:
-    """Run a shell script that may mount what nobody else sees; skips where the machine does not allow that."""
-    done = ran("unshare", "-rm", "sh", "-c", script, "sh", *arguments, limit_s=100)
-    # a container may forbid name spaces; without one a full disk cannot be made without filling the machine's own
-    if done.returncode == 77 or "unshare" in done.stderr:
-        pytest.skip("no mounts without privileges here")
-    return done
-
-
 SMALL_DISK = """
 import subprocess, sys
 sys.path[:0] = {path!r}
@@ -316,7 +297,10 @@ def test_a_disk_full_or_read_only_is_one_line_and_nothing_is_lost(tmp_path):
     disk.mkdir()
     program.write_text(SMALL_DISK.format(path=[str(ROOT / "tests"), *sys.path]), encoding="utf-8")
     script = f'mount -t tmpfs radalt {disk} && umount {disk} || exit 77; exec {sys.executable} {program} "$@"'
-    done = in_a_namespace(script, disk, tmp_path / "whole")
+    done = ran("unshare", "-rm", "sh", "-c", script, "sh", disk, tmp_path / "whole", limit_s=100)
+    # a container may forbid name spaces; without one a full disk cannot be made without filling the machine's own
+    if done.returncode == 77 or "unshare" in done.stderr:
+        pytest.skip("no mounts without privileges here")
     assert (done.returncode, done.stderr) == (0, "")
 
 

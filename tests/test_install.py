@@ -85,38 +85,33 @@ def test_companion_descriptions_flowgraphs_and_models_are_installed(root: Path, 
 def test_default_prefix_is_searched_by_the_python_of_gnu_radio(cache, tmp_path):
     """`make install` without a word about a prefix has to end where `import` and the companion look."""
     folder = Path(cache["CMAKE_INSTALL_PREFIX"], cache["GR_PYTHON_DIR"])
-    searched = run(cache["PYTHON_EXECUTABLE"], "-c", "import sys; print(*sys.path, sep='\\n')", cwd=tmp_path)
-    assert str(folder) in searched.splitlines()
-    block_paths = run(
-        cache["PYTHON_EXECUTABLE"],
-        "-c",
-        "from gnuradio import gr; print(gr.prefs().get_string('grc', 'global_blocks_path', ''))",
-        cwd=tmp_path,
+    statements = (
+        "import sys; from gnuradio import gr\n"
+        "print(*sys.path, gr.prefs().get_string('grc', 'global_blocks_path', ''), sep='\\n')"
     )
-    assert f"{cache['CMAKE_INSTALL_PREFIX']}/share/gnuradio/grc/blocks" in block_paths.strip().split(":")
+    printed = run(cache["PYTHON_EXECUTABLE"], "-c", statements, cwd=tmp_path)
+    *searched, block_paths = printed.splitlines()
+    assert str(folder) in searched
+    assert f"{cache['CMAKE_INSTALL_PREFIX']}/share/gnuradio/grc/blocks" in block_paths.split(":")
 
 
-def test_installed_module_imports_with_every_block_and_the_core(root, cache, package, environment, tmp_path):
+@pytest.mark.parametrize("companion", [False, True])
+def test_installed_module_imports_with_every_block_and_the_core(
+    companion, root, cache, package, environment, tmp_path
+):
+    """gnuradio-companion and grcc run in GNU Radio's own Python and see no package of the environment."""
     statements = (
         "from gnuradio import radalt; import radalt.core as core\n"
         "print(radalt.__file__, core.__file__, radalt.__version__, sep='\\n')\n"
+        "for name in radalt.__all__: getattr(radalt, name)\n"
         "print(*(name for name in radalt._BLOCKS if isinstance(getattr(radalt, name), type)))"
     )
-    lines = run(sys.executable, "-c", statements, cwd=tmp_path, env=environment).splitlines()
-    init, core, version, *blocks = lines
+    python = cache["PYTHON_EXECUTABLE"] if companion else sys.executable
+    lines = run(python, "-c", statements, cwd=tmp_path, env=environment).splitlines()
+    init, core, version, blocks = lines
     assert [Path(init), Path(core)] == [package / "__init__.py", package / "core/__init__.py"]
     assert version == cache["CMAKE_PROJECT_VERSION"]
-    assert set(" ".join(blocks).split()) == {f.stem for f in (root / "python/radalt/blocks").glob("[!_]*.py")}
-
-
-def test_every_block_imports_in_the_python_of_the_companion(cache, package, environment, tmp_path):
-    """gnuradio-companion and grcc run in GNU Radio's own Python and see no package of the environment."""
-    script = (
-        "from gnuradio import radalt; print(radalt.__file__)\n"
-        "for name in (*radalt._BLOCKS, *radalt.__all__): getattr(radalt, name)"
-    )
-    printed = run(cache["PYTHON_EXECUTABLE"], "-c", script, cwd=tmp_path, env=environment)
-    assert printed.strip() == str(package / "__init__.py")
+    assert set(blocks.split()) == {f.stem for f in (root / "python/radalt/blocks").glob("[!_]*.py")}
 
 
 def test_every_program_is_a_command(root: Path):

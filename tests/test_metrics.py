@@ -36,14 +36,6 @@ def test_wilson_agrees_with_scipy(trials):
         assert wilson_interval(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
-def test_wilson_covers_the_truth_in_about_95_percent_of_experiments():
-    # exactly: the probability of all counts whose interval holds p
-    for p in (0.5, 0.9, 0.97):
-        counts = np.arange(151)
-        held = [low <= p <= high for low, high in (wilson_interval(int(k), 150) for k in counts)]
-        assert 0.92 < stats.binom.pmf(counts, 150, p)[held].sum() < 0.98
-
-
 def test_a_missing_detection_counts_against_pd_but_not_against_detected_errors():
     truth = np.repeat([600.0, 100.0], 4)
     error = np.array([0.0, 3.0, -4.0, 300.0, 0.0, 0.0, 6.0, 1.0])

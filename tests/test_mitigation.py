@@ -270,27 +270,19 @@ def test_returns_beyond_the_span_are_not_declared_at_their_images(name):
 
 # -- the shift check of networks -----------------------------------------------------------------------------------
 class FakeNetwork:
-    """In the place of a session: what ``rule`` makes of (n, 2, N) planes, and how often it was asked."""
+    """In the place of a session: what ``rule`` makes of (n, 2, N) planes."""
 
     rule = staticmethod(lambda planes: planes)
     normalisation = "joint_rms"
 
-    def __init__(self, model, samples, threads, provider):
+    def __init__(self, model, threads, provider):
         says = {"layout": "iq_channels_first", "normalisation": self.normalisation, "rate_hz": "7.5e6"}
-        says |= {"frame_samples": str(samples), "centered": "1"}
+        says |= {"frame_samples": str(W.samples_per_frame), "centered": "1"}
         self.metadata = {f"radalt_{key}": value for key, value in says.items()}
-        self._samples, self.runs, self.providers = samples, 0, []
+        self.providers = []
 
-    def planes(self, n):
-        self._planes = np.empty((n, 2, self._samples), np.float32)
-        return self._planes
-
-    def run(self, n):
-        self.runs += 1
-        return np.array(self.rule(self._planes), dtype=np.float32)
-
-    def output_shape(self):
-        return (1, 2, self._samples)
+    def run(self, planes):
+        return np.array(self.rule(planes), dtype=np.float32)
 
 
 @pytest.fixture

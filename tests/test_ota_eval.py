@@ -7,25 +7,14 @@ from pathlib import Path
 import collect
 import ota_eval
 import pytest
-from hostile import ended
-from waiting import end_of, ran_python, started
+from hostile import assert_refused, ended
+from waiting import ran_python
 
 from radalt.core.scene import load_scene
 from radalt.evaluation.overlap.rows import COLUMNS
 from radalt.evaluation.results.folder import read_report
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
-
-
-def start(*arguments):
-    """ota_eval in a process of its own, as users start it."""
-    return started(sys.executable, ota_eval.__file__, "--sim", *arguments)
-
-
-def run(*arguments):
-    process = start(*arguments)
-    out, err = end_of(process, limit_s=120)
-    return process.returncode, out, err
 
 
 def stable(folder: Path) -> list[list[str]]:
@@ -38,11 +27,11 @@ def stable(folder: Path) -> list[list[str]]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """One uninterrupted run with two workers, its output next to it."""
+    """One uninterrupted run in a process of its own, as users start it, its output next to it."""
     folder = tmp_path_factory.mktemp("whole") / "run"
-    code, out, err = run(*SWEEP, "--out", folder, "--jobs", 2)
-    assert code == 0, err
-    return folder, out, err
+    done = ran_python(ota_eval.__file__, "--sim", *SWEEP, "--out", folder, "--jobs", 1)
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout, done.stderr
 
 
 def test_a_run_ends_with_the_whole_result_folder(whole):
@@ -82,20 +71,11 @@ def test_the_rows_make_sense(whole):
     assert rows["whitening", 1.0]["ms_per_frame_median"] > 0
 
 
-def test_resume_refuses_other_options_in_one_line(whole, capsys):
+def test_a_folder_with_a_run_is_refused_in_one_line(whole):
     before = (whole[0] / "rows.csv").read_bytes()
-    arguments = [*SWEEP, "--out", str(whole[0])]
-    assert ota_eval.main(["--sim", *arguments, "--resume", "--seed", "2"]) == 2
-    assert "scene.seed is 1 there and 2 here" in one_line(capsys)
-    assert ota_eval.main(["--sim", *arguments]) == 2
-    assert "holds a run already; add --resume" in one_line(capsys)
+    refused = ended(ota_eval.main, "--sim", *SWEEP, "--out", whole[0])
+    assert_refused(*refused, "holds a run already; add --resume")
     assert (whole[0] / "rows.csv").read_bytes() == before
-
-
-def one_line(capsys) -> str:
-    err = capsys.readouterr().err
-    assert err.startswith("ota_eval: ") and err.count("\n") == 1 and err.endswith("\n")
-    return err
 
 
 @pytest.mark.parametrize(
@@ -109,10 +89,11 @@ def one_line(capsys) -> str:
         ("", "0 of 2 B210s found; connect them (uhd_find_devices lists what is there), or add --sim"),
     ],
 )
-def test_what_does_not_fit_is_one_line_and_code_2(capsys, monkeypatch, tmp_path, arguments, expected):
+def test_what_does_not_fit_is_one_line_and_code_2(monkeypatch, tmp_path, arguments, expected):
     monkeypatch.chdir(tmp_path)
-    assert ota_eval.main(arguments.split()) == 2
-    assert expected in one_line(capsys)
+    status, error = ended(ota_eval.main, *arguments.split())
+    assert_refused(status, error, expected)
+    assert error.startswith("ota_eval: ")
     assert not list(tmp_path.iterdir())  # nothing is left behind
 
 

@@ -1,9 +1,7 @@
 """Methods of your own: in an embedded block, as a file, as a network."""
 
 import json
-import os
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import pytest
 from frames import N, W
 from gnuradio import gr
 from hostile import ended, write_scene
-from waiting import patient, ran_python
+from waiting import patient
 
 from radalt import load_scene
 from radalt.core.mitigation import MitigationError, create
@@ -173,11 +171,6 @@ def test_saving_a_shipped_flowgraph_in_the_companion_changes_no_line(path, tmp_p
     cache = re.compile(r"    _io_cache: .*?(?=    bus_sink:)", re.DOTALL)
     before, after = (cache.sub("", file.read_text()) for file in (path, tmp_path / path.name))
     assert after == before
-
-
-def call(*command: object) -> subprocess.CompletedProcess:
-    path = f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"
-    return ran_python(*command, env=os.environ | {"PYTHONPATH": path})
 
 
 def proto(number: int, *content: bytes | str | int) -> bytes:

@@ -12,6 +12,7 @@ import ota_eval
 import pytest
 import sigmf
 import uhd_double
+from hostile import assert_refused, ended
 from scipy import signal
 from waiting import patient
 
@@ -334,16 +335,16 @@ def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
         ("core:sample_rate", 7.500912e6, "no ratio of whole numbers"),
     ],
 )
-def test_a_recording_that_says_the_wrong_thing_of_itself_gets_one_line(tmp_path, capsys, key, value, message):
+def test_a_recording_that_says_the_wrong_thing_of_itself_gets_one_line(tmp_path, key, value, message):
     """Through the command: exit 2, one line, and no rows that look like a result."""
     path = write_foreign(tmp_path, sweeps(12), 7.5e6, "cf32_le")
     rewritten(path, lambda meta: meta["global"].update({key: value}))
     (tmp_path / "scene.yaml").write_text("altimeter: {max_altitude_m: 1500.0}\n")
     words = f"--replay {path} --scene {tmp_path}/scene.yaml --methods none --out {tmp_path}/out"
     for _ in range(2):  # what failed leaves nothing that stops it the second time
-        assert ota_eval.main(words.split()) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1 and message in error and "foreign.sigmf-meta" in error
+        status, error = ended(ota_eval.main, *words.split())
+        assert_refused(status, error, message)
+        assert "foreign.sigmf-meta" in error
     assert not (tmp_path / "out" / "summary.json").exists()
 
 
@@ -378,7 +379,7 @@ def short(tmp_path_factory):
     return folder
 
 
-def copied(folder: Path, target: Path, capsys, changes: dict, samples=None) -> tuple[int, str]:
+def copied(folder: Path, target: Path, changes: dict, samples=None) -> tuple[int, str]:
     """Status and error of the command on a copy of the short recording with other metadata or samples."""
     meta = json.loads((folder / "short.sigmf-meta").read_text())
     meta["global"] |= changes
@@ -389,7 +390,7 @@ def copied(folder: Path, target: Path, capsys, changes: dict, samples=None) -> t
     data.tofile(target / "copy.sigmf-data")
     (target / "copy.sigmf-meta").write_text(json.dumps(meta))
     words = f"--replay {target}/copy.sigmf-meta --methods none --out {target}/out"
-    return ota_eval.main(words.split()), capsys.readouterr().err
+    return ended(ota_eval.main, *words.split())
 
 
 @pytest.mark.parametrize(
@@ -404,20 +405,17 @@ def copied(folder: Path, target: Path, capsys, changes: dict, samples=None) -> t
         ({"radalt:scene": {"seed": 10**30}}, None, "seed is 1000"),
     ],
 )
-def test_a_changed_recording_of_ours_gets_one_line(
-    short, tmp_path, capsys, undrawn, changes, samples, message
-):
-    status, error = copied(short, tmp_path, capsys, changes, samples)
+def test_a_changed_recording_of_ours_gets_one_line(short, tmp_path, undrawn, changes, samples, message):
+    ends = copied(short, tmp_path, changes, samples)
     if not message:
-        assert (status, error) == (0, "")
+        assert ends == (0, "")
         return
-    assert status == 2
-    assert error.count("\n") == 1 and message in error and len(error) <= 301
+    assert_refused(*ends, message)
     assert not (tmp_path / "out" / "rows.csv").exists()
 
 
 @pytest.mark.parametrize("name", ["pipe", "../pipe", "/dev/zero", "a\0b"])
-def test_data_that_the_metadata_name_are_a_file_beside_them(tmp_path, name):
+def test_data_that_the_metadata_name_are_a_file_next_to_them(tmp_path, name):
     path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
     path.with_suffix(".sigmf-data").unlink()
     os.mkfifo(tmp_path / "pipe")

@@ -46,6 +46,8 @@ def test_empty_scene_is_the_paper_waveform_in_noise():
     scene = parse_scene({})
     assert scene.waveform.samples_per_frame == 7500 and not scene.has_jammer
     assert scene.channel.snr_db == 10.0 and scene.channel.adc_bits == 0
+    names = [parse_scene(data).interference_name for data in ({}, {"interference": {"qpsk": {}}})]
+    assert names == ["none", "qpsk_rectangular"]
 
 
 def test_every_section_arrives_where_it_belongs_and_survives_the_round_trip():
@@ -102,19 +104,14 @@ WRONG = [
     ("interference: {qpsk: {sir_bd: 3}}", "'interference.qpsk.sir_bd'", "'sir_db'? allowed: ", "overlap"),
     ("interference: {laser: {}}", "'interference.laser'", "laser", "recording, "),
     ("interference: [{qpsk: {}, tones: {}}]", "interference", "'qpsk'", "expected one 'kind: {...}'"),
-    ("channel: {drops: {count: -1}}", "drops", "-1", "0 or above"),
-    ("altimeter: {pfa_per_frame: 2.0}", "pfa_per_frame", "2", "within"),
     ("methods: [none, magic]", "methods", "'magic'", "whitening"),
     ("method_options: {magic: {}}", "method_options", "'magic'", "whitening"),
     ("interference: {qpsk: {sir_db: 28}}", "qpsk.sir_db", "28", "at most 20: did you mean -28?"),
-    ("landing: {trajectory: {angle_of_attack_deg: 90}}", "angle_of_attack_deg", "90", "within -30..30"),
     ("sweep: {overlap: [0, 1.5]}", "sweep.overlap", "1.5", "0..1"),
     ("radio: {enclosure: open}", "radio.enclosure", "'open'", "allowed: none, cabled, shielded"),
-    ("radio: {radar_rx_gain_db: 90}", "radio.radar_rx_gain_db", "90", "0..76"),
     ("radio: {radar_serial: 1234567}", "radio.radar_serial", "1234567", "expected text: quote it"),
     ("radio: {radar_serial: 0123456}", "line 1", "'0123456' begins with 0", "quote it"),
     ("interference: {qpsk: {carrier_hz: 2}}", "qpsk.carrier_hz", "is 2; it has to be 0, or at", "mean 2e+06"),
-    ("seed: -1", "seed", "-1", "0 or above"),
     ("[a, b]", "scene", "['a', 'b']", "expected a mapping"),
 ]
 
@@ -140,7 +137,7 @@ NAMES_FILE = {  # a key of a scene, and a value of it that names a file
 
 
 @pytest.mark.parametrize("key", NAMES_FILE)
-def test_files_are_sought_beside_the_scene_then_in_the_working_folder(key, tmp_path, monkeypatch):
+def test_files_are_sought_next_to_the_scene_then_in_the_working_folder(key, tmp_path, monkeypatch):
     sibling, here = tmp_path / "scenes", tmp_path / "here"
     sibling.mkdir(), here.mkdir()
     monkeypatch.chdir(here)
@@ -179,12 +176,6 @@ def test_point_of_a_sweep_changes_what_it_names_and_nothing_else():
     assert (point.total_sir_db, point.channel.snr_db, point.seed) == (-20.0, 3.0, 4)
     assert point.altitude == scene.altitude and point.waveform == scene.waveform
     assert scene.at() == scene
-
-
-def test_overlap_zero_needs_no_jammer_chain():
-    scene = parse_scene({"interference": {"qpsk": {}}})
-    assert scene.has_jammer and not scene.at(overlap=0.0).has_jammer
-    assert parse_scene({}).interference_name == "none" and scene.interference_name == "qpsk_rectangular"
 
 
 def test_flowgraph_parameters_override_only_what_is_set():

@@ -114,7 +114,7 @@ def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(os_re
     assert "Debian 12 and 13" in said and "Python 3.10 to 3.13" in said and said.endswith("going on")
 
 
-def test_the_command_is_beside_the_environments_python(root, tmp_path):
+def test_the_command_lies_next_to_the_environments_python(root, tmp_path):
     """As the set-up makes it: from any folder, the package of its tree, run as a module."""
     (tmp_path / "python").symlink_to(root / "python")
     environment = tmp_path / "env/bin"

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import white
 
 from radalt.core.altimeter.beyond_span import BeyondSpan
 from radalt.core.fir import cosine_window
@@ -20,11 +21,6 @@ from radalt.core.waveform import Waveform
 W, SAMPLES = Waveform(), 256
 
 
-def noise(rng, *shape):
-    """Of unit power."""
-    return rng.standard_normal((*shape, 2)).view(complex)[..., 0] * np.sqrt(0.5)
-
-
 @pytest.mark.parametrize("window, padding, loss", [("boxcar", 2, 1.1), ("boxcar", 4, 1.1), ("hann", 1, 1.85)])
 def test_a_peak_is_placed_without_bias_near_the_cramer_rao_bound_wherever_it_lies(window, padding, loss):
     """Variance ``6 / (4 pi^2 N^3 SNR)`` cycles^2 per sample^2 (D. C. Rife and R. R. Boorstyn, 1974); Hann loses."""
@@ -34,7 +30,7 @@ def test_a_peak_is_placed_without_bias_near_the_cramer_rao_bound_wherever_it_lie
     cycles = (40 + offset) * np.arange(SAMPLES) / (padding * SAMPLES) + rng.random(offset.shape)
     tone = np.exp(2j * np.pi * cycles)
     for sigma in (0.0, 0.5):
-        received = tone + sigma * noise(rng, *tone.shape)
+        received = tone + sigma * white(rng, *tone.shape)
         power = np.abs(np.fft.fft(received * taper, padding * SAMPLES)) ** 2
         top = 39 + power[:, 39:42].argmax(axis=1)
         around = np.take_along_axis(power, top[:, None] + np.arange(-1, 2), axis=1)
@@ -72,7 +68,7 @@ def test_chance_of_one_cell_and_of_a_sum():
 
 def test_noise_passes_the_tests_for_a_return_no_more_often_than_they_state():
     """Two cells beyond the span: pairs as in noise; a visible return: 1 in 10^4; one return left: 1 in 100."""
-    frames = noise(np.random.default_rng(4), 400, W.samples_per_frame).astype(np.complex64)
+    frames = white(np.random.default_rng(4), 400).astype(np.complex64)
     beyond, returns = BeyondSpan(W, 1500.0), ReturnEstimator(W, 1500.0, SETTINGS)
     assert np.count_nonzero(beyond.ratio(frames)) - np.isnan(beyond.ratio(frames)).sum() == 0
     beyond._threshold = sum_level(sum_chance(beyond._threshold, 2) * 2e4, 2)  # 0.2 per frame

@@ -151,21 +151,11 @@ def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
     assert (tmp_path / "figures" / "stability.png").stat().st_size > 5000
 
 
-def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path, measured_here, undrawn):
+def test_a_run_judges_each_case_once_and_its_page_is_whole(tmp_path, measured_here, undrawn):
     study = StabilityStudy(compared_chains(["none"]), ("numbers",), ("none",))
     points = study.points()
     assert len({p.name for p in points}) == len(points)
-    judged = []
-
-    def progress(p):
-        judged.extend(p.rows and [p.done])
-        if p.rows and len(judged) == 5:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run(study, Options(tmp_path, jobs=1), progress)
-    page = run(study, Options(tmp_path, jobs=1, resume=True), progress)
-    assert judged == list(range(1, len(points) + 1))
+    page = run(study, Options(tmp_path, jobs=1))
     lines = (tmp_path / "rows.csv").read_text().splitlines()
     assert [line.split(",")[1] for line in lines[1:3]] == ["all zeros", "a constant"]
     assert len(lines) == 1 + len(list(cases.number_cases()))

@@ -26,7 +26,6 @@ class Run:
     """What came out of one run, and what was lost in it."""
 
     frames: list[Frame]
-    seen_at: list[int]  # block in which each frame was released
     segmenter: FrameSegmenter
     channel: SimulatedChannel
     gaps: tuple[tuple[int, int], ...]
@@ -52,7 +51,7 @@ def play(
     channel = SimulatedChannel(W, settings, seed=seed, true_delay=flown, frames=total)
     segmenter = FrameSegmenter(W, programme, SegmenterSettings(monitor=monitor), true_delay=true_delay)
     jam = JammerStream(W, [jammer], programme=programme, seed=seed) if jammer else None
-    run = Run([], [], segmenter, channel, channel.gaps, [])
+    run = Run([], segmenter, channel, channel.gaps, [])
     tables: dict[float, np.ndarray] = {}
     expected = 0
     for block in range(total):
@@ -61,17 +60,12 @@ def play(
             tables[altitude] = W.beat_shifted(altitude)
         tx = tables[altitude]
         for counter, samples in channel.process(tx, jam.next_frame() if jam else None):
-            new = []
             if counter != expected and settings.drops.tagged:
-                new += segmenter.jump(counter - expected)
-            new += segmenter.push(samples)
+                run.frames += segmenter.jump(counter - expected)
+            run.frames += segmenter.push(samples)
             expected = counter + samples.size
-            run.frames += new
-            run.seen_at += [block] * len(new)
         run.unlocked.append(segmenter.state != "locked")
-    last = segmenter.drain()
-    run.frames += last
-    run.seen_at += [total] * len(last)
+    run.frames += segmenter.drain()
     return run
 
 
@@ -86,16 +80,6 @@ def errors(run: Run) -> tuple[np.ndarray, np.ndarray]:
         index.append(number[keep])
         error.append((result["altitude_m"] - programme.altitude_m(number))[keep])
     return np.concatenate(index), np.concatenate(error)
-
-
-@pytest.mark.parametrize("true_delay", [False, True], ids=["synthetic", "true_delay"])
-@pytest.mark.parametrize("seed", range(4))
-def test_altitude_is_right_for_any_start_offset(seed, true_delay):
-    """The offset is drawn with its fraction, unknown to the receiver. 0.1 sample alone would be 2 m."""
-    run = play(Programme(LANDING, 5), ChannelSettings(snr_db=20.0), seed, true_delay=true_delay)
-    index, error = errors(run)
-    assert index.size == 50
-    assert np.sqrt(np.mean(error**2)) < 0.5
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0, 64.5, 100.0, 100.5, 3749.99, 3750.01, 7498.4])
@@ -128,14 +112,6 @@ def test_a_frame_is_checked_against_the_return_of_a_point(waveform, offset):
         assert abs(np.vdot(expected, sent)) > 0.99 * N**0.5
 
 
-def test_frame_index_is_the_sweep_number_of_the_transmitter():
-    run = play(Programme(LANDING, 3), ChannelSettings(snr_db=20.0), 4)
-    np.testing.assert_array_equal(np.diff(run.index), 1)
-    assert run.index[0] <= 1
-    expected = run.index * N + run.channel.latency_samples
-    np.testing.assert_allclose([f.start_sample for f in run.frames], expected, atol=0.51)
-
-
 @pytest.mark.parametrize("snr_db", [10.0, 0.0, -10.0])
 def test_weak_signal_is_acquired_as_well(snr_db):
     run = play(Programme((300.0,), 5), ChannelSettings(snr_db=snr_db), 3)
@@ -153,13 +129,6 @@ def test_noise_alone_is_never_locked_on():
         assert segmenter.push(noise) == []
     assert segmenter.status()["state"] == "acquiring"
     assert segmenter.counters["unlocked_frames"] > 50
-
-
-def test_strong_jammer_after_the_preamble_does_not_shake_the_timing():
-    jammer = Interferer(QpskEmitter(), -40.0, 1.0)
-    run = play(Programme((400.0,), 40), ChannelSettings(snr_db=10.0), 5, jammer=jammer)
-    assert run.segmenter.counters["lock_losses"] == 0 and run.segmenter.counters["acquisitions"] == 1
-    assert len(run.frames) >= 47
 
 
 def test_whole_chain_of_impairments_leaves_the_altitude_within_metres():
@@ -230,7 +199,7 @@ def test_tagged_gap_in_the_preamble_is_survived():
     frames = segmenter.push(stream[: 3 * N + 123])
     frames += segmenter.jump(400)
     frames += segmenter.push(stream[3 * N + 523 :]) + segmenter.drain()
-    run = Run(frames, [], segmenter, None, (), [])
+    run = Run(frames, segmenter, None, (), [])
     _, error = errors(run)
     assert error.size == 20 and np.abs(error).max() < 0.5
 
@@ -280,16 +249,6 @@ def test_untagged_loss_is_noticed_and_never_a_shifted_altitude(span):
     if span[1] <= 5000:
         assert index.size > 100
         assert run.segmenter.counters["acquisitions"] >= 2
-
-
-def test_loss_without_any_synchronisation_ahead_stays_unlocked():
-    programme = Programme((300.0,), 60)
-    segmenter = FrameSegmenter(W, programme)
-    stream = received(programme, False, 15.0, 9)
-    frames = segmenter.push(stream[: 30 * N]) + segmenter.push(stream[30 * N + 700 :]) + segmenter.drain()
-    assert segmenter.status()["state"] == "lost"
-    assert max(f.index for f in frames) <= 30
-    assert segmenter.counters["unlocked_frames"] > 20
 
 
 def test_without_a_programme_reacquisition_waits_for_the_command():

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hostile import assert_refused, ended
 
 from radalt.core.channel.auxiliary import Direction
 from radalt.core.deramp.profile import PROVENANCES, load_profile, profile_names
@@ -56,7 +57,7 @@ def test_a_wrong_number_gets_one_line(tmp_path, line, message):
     assert "\n" not in str(error.value)
 
 
-def test_a_base_is_a_file_beside_or_a_shipped_profile(tmp_path):
+def test_a_base_is_a_file_next_to_it_or_a_shipped_profile(tmp_path):
     mine, second = tmp_path / "mine.yaml", tmp_path / "second.yaml"
     mine.write_text("base: poor\nname: mine\nnumbers:\n  gain_dbi: [12, assumed, a horn]\n")
     second.write_text("base: mine\nname: second\n")
@@ -313,11 +314,5 @@ def test_a_decomposition_says_what_each_mechanism_costs(tmp_path, measured_here,
         (["--altitudes-ft", "5000"], "poor has none within 10..2500, its span"),
     ],
 )
-def test_what_does_not_fit_gets_one_line(options, message, tmp_path, capsys):
-    try:
-        status = main([*options, "--out", str(tmp_path / "run")])
-    except SystemExit as end:
-        status = end.code
-    error = capsys.readouterr().err
-    assert status == 2
-    assert message in error
+def test_what_does_not_fit_gets_one_line(options, message, tmp_path):
+    assert_refused(*ended(main, *options, "--out", tmp_path / "run"), message)

@@ -14,7 +14,6 @@ from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.placement import Interferer
 from radalt.core.interference.stream import JammerStream
 from radalt.core.returns.point import point_return
-from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
 from radalt.core.scene import parse_scene
 from radalt.core.tracker.integrator import Integrator
 from radalt.core.tracker.summed_block import Block
@@ -99,6 +98,26 @@ def test_measurement_knows_its_own_error():
     assert 0.6 < np.mean(speed_ratio) < 1.6
 
 
+def test_a_measured_speed_knows_the_speckle_of_ground_too():
+    """Eight facets within 8 m, ahead and astern: squared error over claimed variance was 15, since halves differ."""
+    rng, ratio, k = np.random.default_rng(9), [], np.arange(40)
+    tables = integrator(ALTIMETER, 40, 20.0)
+    for _ in range(40):
+        facets = zip(
+            300.0 + rng.uniform(0.0, 8.0, 8), rng.uniform(-25.0, 25.0, 8), rng.random(8), strict=True
+        )
+        turn_hz = float(W.vertical_speed_to_doppler_hz(1.0))
+        sent = [
+            np.exp(2j * np.pi * (turn + turn_hz * v * k * T))[:, None]
+            * point_return(W, a, vertical_speed_m_per_s=v)
+            for a, v, turn in facets
+        ]
+        spectra = ALTIMETER.spectra(sum(sent) / np.sqrt(8.0) + noise(rng, 40, 10.0))
+        found = Block(tables, tables.normalise(spectra), k.astype(float)).best()
+        ratio.append(found.speed_m_per_s**2 / (found.speed_variance_m2_per_s2 + 1.5**2))
+    assert np.mean(ratio) < 4.0
+
+
 def test_one_frame_of_forty_decides_nothing():
     """A frame with a clean false return among frames of noise: what a method may put out."""
     rng = np.random.default_rng(4)
@@ -124,12 +143,6 @@ def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames
     assert np.array_equal(status(cleaned + 1e3 * noise(rng, 400, 0.0)), status(cleaned))
 
 
-def test_noise_alone_is_no_computed_data():
-    outputs = tracked(noise(np.random.default_rng(5), 1200, 0.0))
-    assert np.all(outputs["status"] == Status.NO_COMPUTED_DATA)
-    assert np.all(np.isnan(outputs["altitude_m"]))
-
-
 def test_protection_level_holds_at_its_stated_risk():
     """At a risk of 2 % a wrong bound shows: 12 runs of 15 outputs close to the limit of detection."""
     rng = np.random.default_rng(6)
@@ -148,33 +161,6 @@ def test_protection_level_holds_at_its_stated_risk():
     assert trials > 100
     assert clopper_pearson(events, trials)[0] <= 0.02
     assert np.median(widths) < 5.0  # and it says something
-
-
-@pytest.mark.parametrize(
-    ("altitude_m", "land"),
-    [
-        (30.0, ("constant_gamma", "mountains")),
-        (150.0, ("constant_gamma", "mountains")),
-        (300.0, ("morchin", "urban_low_relief")),
-    ],
-)
-def test_extended_ground_stays_within_its_protection_level_and_a_point_pays_nothing(altitude_m, land):
-    """Ground off nadir pulls the peak up by several metres, and the altitude is the nearest point's."""
-    radar = TerrainReturn(FlatTerrain(0.0), W, ground=reflectivity(*land))
-    rng, speed = np.random.default_rng(9), 70.0
-    east = speed * T / 82_700.0  # degrees of longitude per frame at 42 degrees north
-    velocity = (speed, 0.0, 0.0)
-    over = [AircraftState(k * T, 42.0, -88.0 + east * k, altitude_m, velocity, 90.0) for k in range(160)]
-    ground = np.stack([radar(state, frame_index=k).frame for k, state in enumerate(over)])
-    ground /= np.sqrt(np.mean(np.abs(ground) ** 2))
-    out = tracked((ground + noise(rng, 160, 0.0)).astype(np.complex64))
-    out = out[out["status"] == Status.NORMAL]
-    error = out["altitude_m"] - altitude_m
-    assert out.size
-    assert np.all(np.abs(error) < out["protection_level_m"])
-    assert np.all(np.abs(error) < 2.0)
-    point = tracked(flight(rng, np.full(160, altitude_m), 0.0))[-1]
-    assert point["protection_level_m"] < 2.6
 
 
 @pytest.mark.parametrize("fall_m", [6.0, 8.0])
@@ -224,7 +210,7 @@ def test_a_lost_return_coasts_then_is_lost_and_no_altitude_is_given():
     frames = np.concatenate([flight(rng, np.full(400, 300.0), 0.0), noise(rng, 1280, 0.0)])
     outputs = tracked(frames)
     gone = outputs["frame_index"] >= 400
-    assert np.all(outputs["status"][gone] == Status.NO_COMPUTED_DATA)
+    assert np.all(outputs["status"][gone] == Status.NO_COMPUTED_DATA) and np.isnan(outputs["altitude_m"][-1])
     # noise within the gate, one block in a hundred, makes it coast longer
     outputs = tracked(frames, settings=TrackerSettings(gate_pfa=1e-5))
     assert np.all(outputs["status"][gone] == Status.NO_COMPUTED_DATA)
@@ -346,25 +332,6 @@ def test_speed_by_doppler_and_by_altitudes():
         assert last["altitude_m"] == pytest.approx(path[-1] - 0.5 * 20.0 * T, abs=0.5)
 
 
-def test_ragged_chunks_give_what_one_chunk_gives():
-    rng = np.random.default_rng(15)
-    frames = flight(rng, 400.0 + 5.0 * np.arange(600) * T, -25.0, 5.0)
-    spectra = ALTIMETER.spectra(frames)
-    whole = AltitudeTracker(ALTIMETER).process(spectra)
-    tracker, parts, at = AltitudeTracker(ALTIMETER), [], 0
-    while at < len(frames):
-        count = int(rng.integers(1, 70))
-        piece = type(spectra)(
-            spectra.power[at : at + count],
-            spectra.support[at : at + count],
-            spectra.beat_hz,
-            spectra.scale[at : at + count],
-        )
-        parts.append(tracker.process(piece))
-        at += count
-    assert np.concatenate(parts).tobytes() == whole.tobytes()  # NaN and all
-
-
 def test_timing_rest_is_taken_off():
     frames = flight(np.random.default_rng(16), np.full(320, 300.0), 0.0)
     tracker = AltitudeTracker(ALTIMETER)
@@ -420,7 +387,7 @@ def test_an_echo_within_the_peak_and_two_equal_grounds_stay_within_the_level_and
             normal = out[out["status"] == Status.NORMAL]
             assert np.all(np.abs(normal["altitude_m"] - 400.0) <= normal["protection_level_m"])
             if level_db is None:
-                assert normal.size == 3 and normal["protection_level_m"].max() < 4.0
+                assert normal.size == 3 and normal["protection_level_m"].max() < 2.6
 
 
 def test_noise_is_normal_no_more_often_than_the_tracker_says():
@@ -456,7 +423,8 @@ def test_block_tracks_in_any_chunks_and_says_so_in_messages():
         assert [m["status"] for m in seen.seen][-1] == "normal" and len(seen.seen) == 9
         assert seen.seen[-1]["line"].startswith("NORMAL  299.")
     alone = AltitudeTracker(block.altimeter, scene.tracker_settings)
-    expected = alone.process(block.altimeter.spectra(frames))
+    parts = [alone.process(block.altimeter.spectra(frames[at])) for at in (slice(0, 150), slice(150, None))]
+    expected = np.concatenate(parts)
     for outputs, results in kept:
         assert outputs.tobytes() == expected.tobytes()
         assert len(results) == len(frames) and results["valid"].all()

@@ -41,17 +41,6 @@ def test_clean_part_is_the_cores_return():
     assert coherence == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["tones", "qpsk_rectangular"])
-@pytest.mark.parametrize("sir_db", [-30.0, 3.0])
-def test_interference_has_its_sir_over_the_whole_frame(kind, sir_db):
-    levels = {"sir_db": (sir_db, sir_db), "snr_db": (80.0, 80.0)}
-    config = replace(data.CONFIGS["paper"], kinds=((kind, 1.0),), counts=(0.0, 1.0), **levels)
-    for index in range(4):
-        received, clean, _ = data.example(config, W, 5, index)
-        extra = np.mean(np.abs(received.astype(complex) - clean) ** 2)
-        assert -10 * np.log10(extra) == pytest.approx(sir_db, abs=0.02)
-
-
 def test_every_epoch_holds_every_example_once_in_its_own_order(tmp_path):
     config = replace(data.CONFIGS["paper"], size=8, validation=2)
     epochs = [batch[0] for batch in itertools.islice(data.batches(config, W, 8), 2)]

@@ -18,7 +18,7 @@ if [ -n "$environment" ]; then
 fi
 make help
 # with what one brings: a network and a method in addition to the shipped ones, a recording, samples in a file
-make eval ARGS="--overlap 1 --sir-db=-10 --altitudes 100,300 --frames 5 --methods none --capture \
+make eval ARGS="--overlap 1 --sir-db=-10 --altitudes 100,300 --frames 5 --methods none --jobs 1 --capture \
     --model mine=models/any_sweep.onnx --method-file own=flowgraphs/own_method.py --out results/first"
 test -s results/first/report.md
 for row in none mine own; do grep -q "^$row," results/first/rows.csv; done
@@ -34,7 +34,7 @@ cd "$work"
 radalt=$work/prefix/bin/radalt
 [ -z "$environment" ] ||
     export PYTHONPATH="$("$environment/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
-"$radalt" eval --sim --overlap 0.5 --altitudes 100 --frames 2 --methods none --out "$work/run"
+"$radalt" eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --out "$work/run"
 test -s "$work/run/report.md"
 eval "$("$radalt" env)"
 grcc -o "$work" "$work/prefix/share/gr-radalt/flowgraphs/ota_sim.grc"

@@ -150,13 +150,10 @@ CONFIGS: dict[str, SceneConfig] = {
     ),
 }
 # the paper's predecessor (arXiv:2410.03423): 10,000 examples, SNR -25 to 30 dB, tones and QPSK each with its own range
-CONFIGS["predecessor"] = SceneConfig(
+CONFIGS["predecessor"] = replace(
+    CONFIGS["paper"],
+    sir_db=SceneConfig.sir_db,
     snr_db=(-25.0, 30.0),
-    kinds=(("qpsk_rectangular", 1.0), ("tones", 1.0)),
-    counts=(0.1, 0.6, 0.3),
-    multipath=0.0,
-    extended=0.0,
-    impaired=0.0,
     max_vertical_speed_m_per_s=0.0,
     envelope=0.3,
     levels_db=(("qpsk_rectangular", -20.0, 0.0), ("tones", -20.0, 20.0)),

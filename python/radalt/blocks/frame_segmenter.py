@@ -242,15 +242,11 @@ class frame_segmenter(gr.basic_block):
             time.sleep(_POLL_S)  # the scheduler would call again at once: it cannot wait for output room only
         if self.segmenter.state == ACQUIRING and bite.size and not self._unusable:
             self._unusable = not np.abs(bite.view(np.float32)).max() <= _LARGEST  # NaN fails the comparison
-        lend = room > 0  # frames may then be views of the input until they are copied to the output
-        self._take(bite, lend, input_items[-1])
+        self._take(bite, input_items[-1])
         self.has_heard |= bite.size > 0
         if self.arrivals is not None:
             self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
         done = self._hand_on(output_items)
-        if lend:
-            for frame in self._ready:
-                frame.keep(bite)
         for port in range(len(input_items)):
             self.consume(port, bite.size)  # from here on the input buffer may be overwritten
         if self.drop_when_slow:
@@ -258,21 +254,21 @@ class frame_segmenter(gr.basic_block):
         self._report()
         return done
 
-    def _take(self, samples: np.ndarray, lend: bool, second: np.ndarray) -> None:
+    def _take(self, samples: np.ndarray, second: np.ndarray) -> None:
         first, at = self.nitems_read(0), 0
         for tag in self.get_tags_in_window(0, 0, samples.size, SENT_KEY):
             self._on_sent(tag.value)
         for tag in sorted(self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY), key=lambda t: t.offset):
             cut = tag.offset - first
-            self._push(samples[at:cut], lend, second[at:cut])
+            self._push(samples[at:cut], second[at:cut])
             self._release(self._on_time(tag.value))
             at = cut
-        self._push(samples[at:], lend, second[at : samples.size])
+        self._push(samples[at:], second[at : samples.size])
 
-    def _push(self, samples: np.ndarray, lend: bool, second: np.ndarray) -> None:
+    def _push(self, samples: np.ndarray, second: np.ndarray) -> None:
         if self._second is not None:
             self._second.push(second)
-        self._release(self.segmenter.push(samples, lend=lend))
+        self._release(self.segmenter.push(samples))
 
     def _release(self, frames: list[Frame]) -> None:
         """Frames are ready, with the second channel's samples of their time."""

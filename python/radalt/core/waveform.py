@@ -21,6 +21,7 @@ __all__ = [
     "altitude_to_delay_s",
     "delay_to_altitude_m",
     "exp_cycles",
+    "read_only",
     "sum_of_waves",
 ]
 
@@ -29,12 +30,22 @@ __all__ = [
 SHAPES = {"triangle": (1, -1), "sawtooth_up": (1, 1), "sawtooth_down": (-1, -1)}
 
 
+def read_only(table: np.ndarray) -> np.ndarray:
+    """An array, which all who use it share from here on."""
+    table.setflags(write=False)
+    return table
+
+
 def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
     """``exp(j 2 pi phase)`` of float64 phases in cycles, any shape, reduced modulo one cycle first."""
-    angle = 2.0 * np.pi * (phase_cycles - np.rint(phase_cycles))
-    out: np.ndarray = np.empty(np.shape(phase_cycles), dtype=dtype)
-    out.real = np.cos(angle)
-    out.imag = np.sin(angle)
+    return unit(2.0 * np.pi * (phase_cycles - np.rint(phase_cycles)), dtype)
+
+
+def unit(angle: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
+    """``exp(j angle)`` of angles in radians, in their precision; a complex exponential costs ten times that."""
+    out: np.ndarray = np.empty(np.shape(angle), dtype=dtype)
+    np.cos(angle, out=out.real)
+    np.sin(angle, out=out.imag)
     return out
 
 
@@ -228,16 +239,12 @@ class Waveform(Settings, where="waveform"):
     @cached_property
     def sample_times_s(self) -> np.ndarray:
         """(N,) float64 times of one frame's samples."""
-        times = np.arange(self.samples_per_frame) / self.rate_hz
-        times.setflags(write=False)
-        return times
+        return read_only(np.arange(self.samples_per_frame) / self.rate_hz)
 
     @cached_property
     def reference(self) -> np.ndarray:
         """(N,) complex64 reference sweep 0, unit amplitude, read-only."""
-        table = exp_cycles(self.phase_cycles(self.sample_times_s))
-        table.setflags(write=False)
-        return table
+        return read_only(exp_cycles(self.phase_cycles(self.sample_times_s)))
 
     def frame_rotation(self, frame_index: np.ndarray | int) -> np.ndarray | complex:
         """Unit phasor that carries sweep 0's table to sweep ``frame_index`` (1 when centred)."""

@@ -98,7 +98,7 @@ def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
         expected = counter + samples.size
         if second is not None:
             kept.push(second)
-        yield frames + cleaned(segmenter.push(samples, lend=True))
+        yield frames + cleaned(segmenter.push(samples))
     if canceller is not None and canceller.status()["off"]:
         warnings.warn(f"scene {scene.name}, second channel: {canceller.status()['off']}", stacklevel=2)
 

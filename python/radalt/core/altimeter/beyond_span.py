@@ -22,7 +22,6 @@ _TRAIN, _GUARD = 64, 2
 # Least power of a pair of lines beyond the span over that within it (-10 dB): weaker ones are no rival of anything.
 # Each half sweep has to show half of that.
 WEAKEST = 0.1
-_AT_ONCE = 8  # frames: SciPy transforms several rows at once in less time, and these stay in the cache
 
 
 class BeyondSpan:
@@ -74,11 +73,8 @@ class BeyondSpan:
         """
         out = np.zeros(len(frames))
         if self._first < self._count - self._reach:  # else the span reaches up to Nyquist
-            halves = frames.reshape(-1, 2, self._half)
             with np.errstate(invalid="ignore", over="ignore"):
-                for first in range(0, len(out), _AT_ONCE):
-                    part = slice(first, first + _AT_ONCE)
-                    self._ratios(halves[part], out[part])
+                self._ratios(frames.reshape(-1, 2, self._half), out)
         return out
 
     def _ratios(self, halves: np.ndarray, out: np.ndarray) -> None:

@@ -118,8 +118,8 @@ class Cfar:
         if colour.any():
             around = self._around(sums)
             local = colour.astype(np.float32)[..., None]
-            level = repeated(level + local * (around - level), q)
-            around = repeated(around, q)
+            level = np.repeat(level + local * (around - level), q, axis=-1)
+            around = np.repeat(around, q, axis=-1)
             around -= noise
             around *= local
             noise += around
@@ -230,14 +230,6 @@ class Cfar:
         spread = np.log(np.maximum(high, _TINY) / np.maximum(low, _TINY)) / _QUARTILES
         colour = (_BLOCK * support * spread**2 - _WHITE) / (_COLOURED - _WHITE)
         return np.minimum(np.maximum(colour, 0.0), 1.0)
-
-
-def repeated(values: np.ndarray, times: int) -> np.ndarray:
-    """(..., times * k) each of (..., k) values so many times in a row: `numpy.repeat` in a third of its time."""
-    out = np.empty((*values.shape[:-1], times * values.shape[-1]), dtype=values.dtype)
-    for k in range(times):
-        out[..., k::times] = values
-    return out
 
 
 def support_of(samples: np.ndarray, count: float) -> np.ndarray:

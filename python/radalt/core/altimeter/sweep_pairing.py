@@ -8,7 +8,7 @@ import numpy as np
 
 from ..spectral_line import running_maxima
 from .altimeter_settings import Reason
-from .cfar import Cfar, Significance, repeated
+from .cfar import Cfar, Significance
 
 # Least significance of each half sweep on its own: noise exceeds it in 5 %.
 FLOOR = 3.0
@@ -85,7 +85,7 @@ class PairSearch:
         fine = self._finer(power)
         level = cells.level
         if level.shape[-1] > 1:
-            level = repeated(level[..., self.first : self.last], _FINER)[..., : fine.shape[-1]]
+            level = np.repeat(level[..., self.first : self.last], _FINER, axis=-1)[..., : fine.shape[-1]]
         at, best, rival = self._best_pair(fine / level)
         n, halves = np.arange(len(at))[:, None], _HALVES
         peak = fine[n, halves, at]
@@ -215,10 +215,11 @@ class PairSearch:
         lobe = max(1, round(_MAIN_LOBE * _FINER * self.per_resolution))
         # partners of the main lobe of the up cell: those of its own cell are in the middle
         first = cell[:, None] - lobe
-        near = padded[n[:, None], _within(first + np.arange(2 * lobe + most - least + 1), padded.shape[1])]
+        at = np.clip(first + np.arange(2 * lobe + most - least + 1), 0, padded.shape[1] - 1)
+        near = padded[n[:, None], at]
         partner = near[:, lobe : near.shape[1] - lobe].argmax(axis=1)
         pair = np.array([cell, cell - most + partner]).T
-        ups = _within(first + np.arange(2 * lobe + 1), count)
+        ups = np.clip(first + np.arange(2 * lobe + 1), 0, count - 1)
         joint[n[:, None], ups] = -np.inf
         steps = np.arange(near.shape[1])
         near[np.abs(steps - (partner + lobe)[:, None]) <= lobe] = -np.inf
@@ -314,8 +315,3 @@ class PairSearch:
             return side_lobe, np.zeros(len(pair), dtype=bool)
         outside = (strongest < self.cfar.margin + self.first) | (strongest >= self.cfar.margin + self.last)
         return side_lobe, (outside & (top > _OUTSHINING * here)).all(axis=1)
-
-
-def _within(index: np.ndarray, count: int) -> np.ndarray:
-    """Indices kept within 0..count - 1, in a third of the time of `numpy.clip`."""
-    return np.minimum(np.maximum(index, 0), count - 1)

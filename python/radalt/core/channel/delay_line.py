@@ -24,8 +24,8 @@ _KERNELS = 512  # cached kernels, 16 KB each: all `STEPS` of a drifting clock, a
 class DelayLine:
     """Delays a stream of blocks by up to ``max_delay`` samples (overlap-save).
 
-    With ``repeats``, for a stream that repeats its blocks as a radar's sweep does, a block equal to all stored ones is
-    not copied, and the output at a known delay costs a comparison instead of an FFT.
+    With ``repeats``, for a stream that repeats its blocks as a radar's sweep does, the output of equal samples at a
+    known delay costs a comparison instead of an FFT.
     """
 
     def __init__(self, block: int, max_delay: float, *, repeats: bool = False) -> None:
@@ -41,14 +41,9 @@ class DelayLine:
         self._end = self._history + block
         self._store[: self._end] = 0
         self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
-        self._alike = 0  # number of equal blocks at the end of the store
-        self._settled: dict[float, np.ndarray] = {}  # output by delay while all blocks in reach are equal
 
     def push(self, samples: np.ndarray) -> None:
         """Append one block, or up to `MOST_BLOCKS`."""
-        if self._repeats and self._nothing_new(samples):
-            return
-        self._settled.clear()
         if self._end + samples.size > self._store.size:
             keep = self._history
             self._store[:keep] = self._store[self._end - keep : self._end].copy()
@@ -60,19 +55,6 @@ class DelayLine:
     def memory_blocks(self) -> int:
         """Blocks before one on which its output may depend."""
         return -(-self._history // self._block)
-
-    @property
-    def _reach(self) -> int:
-        """Number of samples on which an output can depend."""
-        return self._history + MOST_BLOCKS * self._block
-
-    def _nothing_new(self, samples: np.ndarray) -> bool:
-        """Count equal blocks; True where all blocks in reach are equal, so that nothing has to be copied."""
-        known = self._alike * self._block >= self._reach and self._end >= self._reach
-        last, blocks = self._store[self._end - self._block : self._end], samples.reshape(-1, self._block)
-        repeated = samples.dtype == np.complex64 and _same_bits(last, blocks)
-        self._alike = self._alike + samples.size // self._block if repeated else 0
-        return known and repeated
 
     def read(self, delay: float, blocks: int = 1) -> np.ndarray:
         """(blocks, block) samples delayed by ``delay`` >= 0 against the last push's ``blocks``; read-only.
@@ -89,33 +71,13 @@ class DelayLine:
             raise ValueError(f"a fractional delay of {delay:g} samples is below the kernel's {HALF_TAPS}")
         if not self._repeats:
             return self._filter(first, fraction, blocks)
-        if delay in self._settled:
-            return self._settled[delay]
-        out = self._repeating(first, fraction, delay, blocks)
-        if self._alike * self._block >= self._reach and len(self._settled) < _KEPT:
-            self._settled[delay] = out = out[:1]
-        return out
-
-    def _repeating(self, first: int, fraction: float, delay: float, blocks: int) -> np.ndarray:
-        """(blocks, block) as `_filter`, or (1, block) where all blocks are equal."""
-        if blocks == 1:
-            return self._repeated(first, fraction, delay)
-        known = self._last.get(delay)
-        if known is not None and _same_bits(known[0], self._spans(first, blocks)):
+        spans, known = self._spans(first, blocks), self._last.get(delay)
+        if known is not None and _same_bits(known[0], spans):
             return known[1]
-        starts = range(first, first + blocks * self._block, self._block)
-        return np.concatenate([self._repeated(start, fraction, delay) for start in starts])
-
-    def _repeated(self, first: int, fraction: float, delay: float) -> np.ndarray:
-        """(1, block) as `_filter`, from the cache where samples and delay are unchanged."""
-        span = self._spans(first, 1)
-        known = self._last.get(delay)
-        if known is not None and _same_bits(known[0], span):
-            return known[1]
-        out = self._filter(first, fraction, 1)
+        out = self._filter(first, fraction, blocks)
         if len(self._last) >= _KEPT:
             self._last.clear()
-        self._last[delay] = (span[0].copy(), out)
+        self._last[delay] = spans[-1].copy(), out[-1:]
         return out
 
     def _spans(self, first: int, blocks: int) -> np.ndarray:

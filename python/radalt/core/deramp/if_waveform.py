@@ -15,7 +15,7 @@ import numpy as np
 from scipy import fft
 
 from ..fir import kaiser_lowpass
-from ..waveform import Waveform
+from ..waveform import Waveform, read_only
 
 # Simulation rate over IF rate: a wave that crosses the IF fades in and out over two IF rates outside it, so that the
 # edge of that gate is not in the IF (`emitters._crossing`; error vector -31 dB, tests/test_deramp.py).
@@ -55,9 +55,7 @@ class IfWaveform(Waveform):
     @cached_property
     def reference(self) -> np.ndarray:
         """(N,) complex64 ones, read-only: frames are dechirped already."""
-        table = np.ones(self.samples_per_frame, dtype=np.complex64)
-        table.setflags(write=False)
-        return table
+        return read_only(np.ones(self.samples_per_frame, dtype=np.complex64))
 
     @property
     def simulation_hz(self) -> float:

@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..fir import kaiser_lowpass
+from ..waveform import read_only
 from .transmission import Signal
 
 PASSBAND_FRACTION = 0.9  # flat bandwidth over the output rate: usual for an SDR's decimator
@@ -46,9 +47,7 @@ def receiver_taps(design_rate_hz: float, stop_hz: float, bandwidth_hz: float) ->
 
     Unit gain at 0 Hz. Read-only (cached).
     """
-    taps = kaiser_lowpass(bandwidth_hz / 2, stop_hz, design_rate_hz)
-    taps.setflags(write=False)
-    return taps
+    return read_only(kaiser_lowpass(bandwidth_hz / 2, stop_hz, design_rate_hz))
 
 
 def rate_ratio(rate_hz: float, source_rate_hz: float) -> Fraction:

@@ -23,17 +23,16 @@ class InputScaler:
         self.normalisation, self._samples = normalisation, samples
         self._dither = None if dither_db is None else _dither(samples, dither_db)
 
-    def fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
-        """Normalise a frame (N,) into rails (2, N) and add the dither.
+    def fill(self, rails: np.ndarray, frame: np.ndarray) -> float | np.ndarray:
+        """Normalise a frame (N,) into rails (2, N) and add the dither; returns the factor that undoes the scale.
 
-        Returns the frame's level, and the factor that undoes the scale: 0 for a frame of zeros, for which a network
-        may put out a signal.
+        It is 0 for a frame of zeros, for which a network may put out a signal.
         """
         rails[0], rails[1] = frame.real, frame.imag
         level = _level(rails)
         if level == 0.0 or math.isnan(level):
             rails[:] = 0.0
-            return level, 0.0 * self._scale(rails, 1.0)
+            return 0.0 * self._scale(rails, 1.0)
         scale = self._scale(rails, level)
         rails /= scale
         if self._dither is not None:
@@ -41,7 +40,7 @@ class InputScaler:
             if self.normalisation != "joint_rms":  # the frame has no unit power
                 dither = dither * np.sqrt(2.0 * np.mean(rails**2))
             rails += dither
-        return level, scale
+        return scale
 
     def _dither_of(self, rails: np.ndarray) -> np.ndarray:
         """(2, N) dither for a normalised frame, from a start that the frame's own noise chooses.

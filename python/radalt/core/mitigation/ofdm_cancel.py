@@ -6,7 +6,7 @@ import numpy as np
 
 from ..altimeter.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle
+from .base import MitigationError, PlotStyle
 from .ofdm.arrays import power
 from .ofdm.burst_detection import loud_burst
 from .ofdm.iterative_receiver import Reception
@@ -19,13 +19,13 @@ from .ofdm.settings import SETTINGS, OfdmSettings
 from .ofdm.sync import acquire, find_prefix
 from .ofdm.tone_removal import without_tones
 from .ofdm.tracking import TrackingState, grid_of, next_state, tracked
-from .outcome import PASSED, Outcome
+from .outcome import PASSED, Canceller, Outcome
 
 _TINY = float(np.finfo(np.float32).tiny)
 _TEST_FFTS = 5.0  # cost of a test for a return, or for a prefix
 
 
-class OfdmCancel(Mitigation):
+class OfdmCancel(Canceller):
     """Blind demodulation and subtraction of cyclic-prefix OFDM (LTE and NR downlinks of 15 or 30 kHz).
 
     Card: *decision-directed cancellation.* A frame whose return stands out already passes. The cyclic prefix gives
@@ -51,10 +51,7 @@ class OfdmCancel(Mitigation):
     - ``drop_when_slow``: whether frames are dropped where the method is too slow: after some searches in vain fewer
       frames are searched
     - ``settings``: numbers of the receiver, for studies
-    - ``found``, ``tracked``: frames in which an emitter was acquired by search, and in which it was tracked from the
-      frame before
-    - ``outcome``: of the last frame that `cancel` was given
-    - ``outcomes``: one per finite frame of the last call of `process`
+    - ``found``: frames in which an emitter was acquired by search
 
     Raises `MitigationError` if the rate does not fit or ``span_m`` is out of range.
     """
@@ -96,40 +93,20 @@ class OfdmCancel(Mitigation):
     def reset(self) -> None:
         """See `Mitigation.reset`."""
         super().reset()
-        self.found = self.tracked = 0
-        self.outcome = PASSED
-        self.outcomes: list[Outcome] = []
-        self._state: TrackingState | None = None
+        self.found = 0
         self._ffts = 0.0  # of the frame, outside the receivers
-        self._in_vain = 0  # searches since one succeeded
 
     def forget(self) -> None:
-        """See `Mitigation.forget`: the emitter that is tracked."""
-        self._state, self._in_vain = None, 0
+        """See `Canceller.forget`."""
+        self._state: TrackingState | None = None
+        self._in_vain = 0  # searches since one succeeded
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that held an emitter."""
         return super().status() | {"found": self.found, "tracked": self.tracked}
 
-    @property
-    def tracking(self) -> bool:
-        """Whether an emitter is known from the frame before, so that ``cancel(frame, search=False)`` may cancel it."""
-        return self._state is not None
-
-    def _clean(self, batch: np.ndarray) -> np.ndarray:
-        out, self.outcomes = batch.copy(), []
-        for row, frame in zip(out, batch, strict=True):
-            cancelled = self.cancel(frame)
-            self.outcomes.append(self.outcome)
-            if cancelled is not None:
-                row[:] = cancelled
-        return out
-
     def cancel(self, frame: np.ndarray, *, search: bool = True) -> np.ndarray | None:
-        """(N,) complex64: a finite frame without its OFDM; None if it passes as it came, see ``outcome``.
-
-        ``search=False`` only tracks an emitter of the frame before.
-        """
+        """See `Canceller.cancel`."""
         self.outcome = PASSED
         level = float(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not _TINY < level < np.inf:  # of powers that no float32 holds

@@ -1,4 +1,4 @@
-"""An ONNX file behind arrays that are allocated once: planes in, planes out, no copy around ONNX Runtime.
+"""An ONNX file, or encoder and decoder, by ONNX Runtime.
 
 onnxruntime is imported when a model is loaded, never at module level: a scene without a network does not need it.
 """
@@ -39,12 +39,9 @@ def network_files(model: str | Path) -> tuple[Path, ...]:
 
 
 class OnnxNetwork:
-    """A session with input and output bound to work arrays, grown to the largest batch seen.
-
-    Fill ``planes(n)``, then `run`; the array it returns is overwritten by the next run.
+    """A network's session, or those of encoder and decoder.
 
     - ``model``: as of `network_files`; of two files the first one's output is the second one's input
-    - ``samples``: samples ``N`` of a frame
     - ``threads``: Intra-op threads
     - ``provider``: ``"cpu"``, or ``"cuda"`` where the user's onnxruntime has it; elsewhere one line says so and the
       processor runs the network
@@ -53,8 +50,8 @@ class OnnxNetwork:
     Raises `MitigationError` if onnxruntime is missing, a file is no readable model, or decoder does not fit encoder.
     """
 
-    def __init__(self, model: Path, samples: int, threads: int, provider: str = "cpu") -> None:
-        self.model, self._samples = model, samples
+    def __init__(self, model: Path, threads: int, provider: str = "cpu") -> None:
+        self.model = model
         loaded = [_load(file, threads, provider) for file in network_files(model)]
         self._ort, self._session = loaded[-1]
         self._encoder = loaded[0][1] if len(loaded) == 2 else None
@@ -64,66 +61,33 @@ class OnnxNetwork:
         self.metadata: dict[str, str] = {}
         for _, session in reversed(loaded):
             self.metadata |= session.get_modelmeta().custom_metadata_map
-        self._tables: dict[str, np.ndarray] = {}
-        self._allocate(1)
+        self._binding = self._session.io_binding()
 
-    def serve(self, samples: int, tables: Mapping[str, np.ndarray]) -> None:
-        """Take frames of ``samples``, with the constants of their sweep for the inputs of these names."""
-        names = {entry.name for entry in self._session.get_inputs()}
-        self._tables = {name: values for name, values in tables.items() if name in names}
-        self._samples = samples
-        self._allocate(1)
+    def bind(self, tables: Mapping[str, np.ndarray]) -> None:
+        """Take the constants of a sweep for the inputs of these names."""
+        for name in {entry.name for entry in self._session.get_inputs()} & tables.keys():
+            self._binding.bind_ortvalue_input(name, self._ort.OrtValue.ortvalue_from_numpy(tables[name]))
 
     @property
     def providers(self) -> list[str]:
         """ONNX Runtime's execution providers."""
         return self._session.get_providers()
 
-    def planes(self, n: int) -> np.ndarray:
-        """(n, 2, N) float32 input of the next `run`, to be filled."""
-        if n > len(self._planes):
-            self._allocate(n)
-        return self._planes[:n]
-
-    def run(self, n: int) -> np.ndarray:
-        """(n, 2, N) float32 output for ``planes(n)``, valid until the next run."""
+    def run(self, planes: np.ndarray) -> np.ndarray:
+        """Output for (n, 2, N) float32 planes, contiguous."""
         try:
-            if n not in self._bindings:
-                self._bindings[n] = self._bind(n)
-            if self._encoder is not None:
-                self._bindings[n].bind_cpu_input(self._input, self._encoded(self._planes[:n]))
-            self._session.run_with_iobinding(self._bindings[n])
+            self._binding.bind_cpu_input(
+                self._input, planes if self._encoder is None else self._encoded(planes)
+            )
+            self._binding.bind_output(self._output)  # anew, or it would keep the shape of the last run's
+            self._session.run_with_iobinding(self._binding)
+            return self._binding.copy_outputs_to_cpu()[0]
         except Exception as error:  # onnxruntime raises a family of unrelated C++ exception types
-            raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
-        return self._cleaned[:n]
-
-    def output_shape(self) -> tuple[int, ...]:
-        """Shape that one frame comes out in, by running one; bound arrays take no other than (1, 2, N)."""
-        try:
-            frame = np.ones((1, 2, self._samples), np.float32)
-            code = frame if self._encoder is None else self._encoded(frame)
-            return self._session.run(None, {self._input: code, **self._tables})[0].shape
-        except Exception as error:  # see run
             raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
 
     def _encoded(self, planes: np.ndarray) -> np.ndarray:
         """The encoder's output."""
         return self._encoder.run(None, {self._encoder.get_inputs()[0].name: planes})[0]
-
-    def _allocate(self, n: int) -> None:
-        self._planes = np.empty((n, 2, self._samples), dtype=np.float32)
-        self._cleaned = np.empty_like(self._planes)
-        self._bindings: dict[int, object] = {}
-
-    def _bind(self, n: int):  # noqa: ANN202 - the type lives in the optional package
-        binding = self._session.io_binding()
-        value = self._ort.OrtValue.ortvalue_from_numpy
-        if self._encoder is None:
-            binding.bind_ortvalue_input(self._input, value(self._planes[:n]))
-        for name, values in self._tables.items():
-            binding.bind_ortvalue_input(name, value(values))
-        binding.bind_ortvalue_output(self._output, value(self._cleaned[:n]))
-        return binding
 
 
 def gpu_there(provider: str) -> bool:

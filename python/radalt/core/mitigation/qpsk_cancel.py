@@ -1,13 +1,11 @@
 """Cancellation of QPSK: demodulate it blindly, rebuild it with the pulse that was received, subtract it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle
+from .base import MitigationError, PlotStyle
 from .ofdm.tone_removal import without_tones
-from .outcome import PASSED, Outcome
+from .outcome import Canceller, Outcome
 from .qpsk.cma_equaliser import CmaEqualiser
 from .qpsk.pulse_estimation import estimate_pulse
 from .qpsk.settings import DEFAULTS, QpskSettings
@@ -19,16 +17,7 @@ _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
 _TRACKING, _TONES, _DETECTION, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 32.0, 50.0
 
 
-@dataclass(frozen=True)
-class _Track:
-    """A tracker, what frames are divided by for it, and whether they had tones on top."""
-
-    tracker: Tracker
-    scale: np.float32
-    tones: bool
-
-
-class QpskCancel(Mitigation):
+class QpskCancel(Canceller):
     """Blind demodulation and subtraction of QPSK of any pulse.
 
     Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol timing. A
@@ -44,9 +33,7 @@ class QpskCancel(Mitigation):
     to 100 samples at either end of a frame are blanked, where symbols are cut.
 
     - ``settings``: for studies of their sensitivity
-    - ``cancelled``, ``tracked``: frames in which QPSK was cancelled, and how many of them without a search
-    - ``outcome``: of the last frame that `cancel` was given
-    - ``outcomes``: one per finite frame of the last call of `process`
+    - ``cancelled``: frames in which QPSK was cancelled
     - ``active_share``: share of the last frame that was cancelled in which QPSK was sent
     - ``burst_weight``: weight, in amplitude, that the samples of a burst have in what is left of that frame; 1
       without a burst
@@ -68,31 +55,17 @@ class QpskCancel(Mitigation):
     def reset(self) -> None:
         """See `Mitigation.reset`."""
         super().reset()
-        self.cancelled = self.tracked = 0
-        self.outcome, self.outcomes = PASSED, []
+        self.cancelled = 0
         self.active_share, self.burst_weight = 0.0, 1.0
-        self._track: _Track | None = None
-
-    def forget(self) -> None:
-        """See `Mitigation.forget`: the emitter that is tracked."""
-        self._track = None
-
-    @property
-    def tracking(self) -> bool:
-        """Whether an emitter is known from the frame before, so that ``cancel(frame, search=False)`` may cancel it."""
-        return self._track is not None
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that were cancelled, and those tracked."""
         return super().status() | {"cancelled": self.cancelled, "tracked": self.tracked}
 
     def cancel(self, frame: np.ndarray, *, search: bool = True) -> np.ndarray | None:
-        """(N,) complex64 frame without its QPSK; None where none was demodulated: the frame passes.
-
-        ``search=False`` only tracks an emitter of the frame before.
-        """
+        """See `Canceller.cancel`."""
         self._ffts, state = 0.0, "tracked"
-        out = self._next(frame) if self._track else None
+        out = self._next(frame) if self._state else None
         if out is None and search:
             state, out = "acquired", self._acquired(frame)
         if out is None:
@@ -107,18 +80,18 @@ class QpskCancel(Mitigation):
 
     def _next(self, frame: np.ndarray) -> np.ndarray | None:
         """The frame without the emitter of the frame before; None if it is lost."""
-        track, self._track = self._track, None
+        (tracker, scale, tones), self._state = self._state, None
         self._ffts += _TRACKING
-        rest = without_tones(frame) if track.tones else None
+        rest = without_tones(frame) if tones else None
         frame = frame if rest is None else rest
         if not 0 < np.vdot(frame, frame).real < np.inf:
             return None
-        found = track.tracker.track(frame * (1 / track.scale))
+        found = tracker.track(frame * (1 / scale))
         out = None if found is None else self._subtracted(*found)
         if out is None:
             return None
-        self._track, self._evm_squared = track, track.tracker.evm_squared
-        return out * track.scale
+        self._state, self._evm_squared = (tracker, scale, tones), tracker.evm_squared
+        return out * scale
 
     def _acquired(self, frame: np.ndarray) -> np.ndarray | None:
         """The frame without an emitter that is searched; None if there is none."""
@@ -147,7 +120,8 @@ class QpskCancel(Mitigation):
             return None
         self._evm_squared = symbols.evm_squared
         if can_track(symbols, pulses, self._s):
-            self._track = _Track(Tracker(timing, symbols, pulses, train, residual, self._s), scale, tones)
+            # what frames are divided by, and whether they had tones on top
+            self._state = Tracker(timing, symbols, pulses, train, residual, self._s), scale, tones
         return out * scale
 
     def _subtracted(
@@ -172,15 +146,6 @@ class QpskCancel(Mitigation):
         out = np.zeros_like(residual)
         out[known] = rest * weight
         self.active_share = float(on.mean())
-        return out
-
-    def _clean(self, batch: np.ndarray) -> np.ndarray:
-        out, self.outcomes = batch.copy(), []
-        for row, frame in zip(out, batch, strict=True):
-            cancelled = self.cancel(frame)
-            self.outcomes.append(self.outcome)
-            if cancelled is not None:
-                row[:] = cancelled
         return out
 
 

@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,8 +28,6 @@ CONTRACT_KEYS = (
 _MOST_THREADS = 64
 ANY = "any"  # in the metadata of a network that serves every sweep
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
-_APART = 2500  # samples between the three whose modulus is compared first, for speed
-_LOUD = 1e15  # scale from which a network's output may leave float32
 # Power next to the return over the return's in an output, dB, from which the altimeter alone is better in white noise.
 LOST_DB = -1.0
 # Stride in samples at which an output is checked: within 0.3 dB of all samples, prime to the filterbank's period, 30.
@@ -137,7 +134,7 @@ class Tcae(Mitigation):
         self.files = network_files(self.model)
         if all(file.is_file() for file in self.files) and not all(map(_is_shipped, self.files)):
             try_out("tcae model", waveform, *self.files)
-        self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads, provider)
+        self._network = OnnxNetwork(self.model, threads, provider)
         self.metadata = self._network.metadata
         self._check(waveform)
         self._samples = waveform.samples_per_frame  # inside the network
@@ -145,7 +142,7 @@ class Tcae(Mitigation):
         if any_sweep:
             layout = layout_of(waveform, span_m)
             self._samples = layout.samples
-            self._network.serve(layout.samples, tables_of(waveform, layout))
+            self._network.bind(tables_of(waveform, layout))
         self._scaler = InputScaler(self.metadata["radalt_normalisation"], self._samples, dither_db)
         self.sha256 = hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest()
         default = _is_default(self.sha256)
@@ -193,7 +190,8 @@ class Tcae(Mitigation):
 
     def _probe(self) -> None:
         """One frame through the network: shape and finiteness, before any flowgraph starts."""
-        shape, wanted = self._network.output_shape(), (1, 2, self._samples)
+        wanted = 1, 2, self._samples
+        shape = self._network.run(np.ones(wanted, np.float32)).shape
         if shape != wanted:
             raise MitigationError(f"tcae model {self.model} gives shape {shape}; expected {wanted}")
         if not np.isfinite(self._infer(self.waveform.reference[None]).view(np.float32)).all():
@@ -205,15 +203,6 @@ class Tcae(Mitigation):
         self.skipped_frames = 0
         self.unconfirmed_frames = 0
         self.flat_frames = 0
-
-    def _clean_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray) -> None:
-        """See `Mitigation._clean_into`; frames that need nothing but the network are written where they belong."""
-        plain = self._detector is None and self._white is None and self._shift_check is None
-        if plain and frames.shape[-1] == self._samples and not _constant_modulus(frames).any():
-            self._run(self._filled(frames), out)
-            self._skip_lost(frames, out)
-        else:
-            out[:] = self._clean(frames)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         flat = _constant_modulus(batch)
@@ -255,25 +244,19 @@ class Tcae(Mitigation):
 
     def _infer(self, batch: np.ndarray) -> np.ndarray:
         if batch.shape[1] == self._samples:
-            return self._run(self._filled(batch), np.empty_like(batch))
+            return self._run(batch)
         scale = peak_scale(batch)  # squares may overflow
         longer = resampled(batch / scale, self._samples).astype(np.complex64, copy=False)
-        cleaned = self._run(self._filled(longer), np.empty_like(longer))
-        return (resampled(cleaned, batch.shape[1]) * scale).astype(np.complex64, copy=False)
+        return (resampled(self._run(longer), batch.shape[1]) * scale).astype(np.complex64, copy=False)
 
-    def _filled(self, batch: np.ndarray) -> tuple[tuple[float, ...], np.ndarray]:
-        """Put (n, N) complex64 of the network's length into its input; their levels, and what undoes their scales."""
-        levels, scales = zip(*map(self._scaler.fill, self._network.planes(len(batch)), batch), strict=True)
+    def _run(self, batch: np.ndarray) -> np.ndarray:
+        """(n, N) complex64 of the network's length through it."""
+        out, planes = np.empty_like(batch), np.empty((len(batch), 2, self._samples), dtype=np.float32)
         # one scale per frame, or one per rail
-        return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)
-
-    def _run(self, filled: tuple[tuple[float, ...], np.ndarray], out: np.ndarray) -> np.ndarray:
-        """What was filled through the network into ``out`` (n, N); returns that."""
-        levels, scale = filled
-        cleaned = self._network.run(len(out))
-        # a network's output for 1e38 may exceed float32; checked first, since errstate costs as much as a pass
-        with np.errstate(over="ignore") if max(levels) > _LOUD else nullcontext():
-            for frame, rails, factor in zip(out, cleaned, scale, strict=True):  # each stays in the cache
+        scales = np.array(list(map(self._scaler.fill, planes, batch)), dtype=np.float32).reshape(len(out), -1)
+        cleaned = self._network.run(planes)
+        with np.errstate(over="ignore"):  # a network's output for 1e38 may exceed float32
+            for frame, rails, factor in zip(out, cleaned, scales, strict=True):  # each stays in the cache
                 np.multiply(rails[0], factor[0], out=frame.real)
                 np.multiply(rails[1], factor[-1], out=frame.imag)
         return out
@@ -294,22 +277,11 @@ class Tcae(Mitigation):
 
 
 def _constant_modulus(batch: np.ndarray) -> np.ndarray:
-    """(n,) bool: frames (n, N) whose modulus stays within a thousandth; three samples decide for almost all.
-
-    They are compared as plain numbers: after a run of the network, arrays so short cost eight times as much.
-    """
-    if not any(map(_even_few, batch[:, ::_APART].tolist())):
-        return np.zeros(len(batch), dtype=bool)
+    """(n,) bool: frames (n, N) whose modulus stays within a thousandth; a few samples decide for almost all."""
     flat = _even(np.abs(batch[:, ::500].astype(np.complex128)))  # squares of float32 fit a double
     if flat.any():
         flat[flat] = _even(np.abs(batch[flat].astype(np.complex128)))
     return flat
-
-
-def _even_few(samples: list[complex]) -> bool:
-    """As `_even`, of plain numbers."""
-    modulus = [abs(sample) for sample in samples]
-    return max(modulus) - min(modulus) <= 1e-3 * max(modulus)
 
 
 def _even(modulus: np.ndarray) -> np.ndarray:

@@ -8,8 +8,6 @@ from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, unit_peak
 
 _SEAM_S = 5e-6  # decay time of the filter's response, s; a return loses 0.05 dB
-# frames whose gains are computed at once, in arrays that fit the cache: 0.98 of the time of sixteen
-_GAINS = 4
 
 
 class Whitening(Mitigation):
@@ -50,9 +48,7 @@ class Whitening(Mitigation):
 
     def _clean_into(self, frames: np.ndarray, out: np.ndarray, quality: np.ndarray) -> None:
         spectrum = fft.fft(unit_peak(frames, out, quality["peak"][:, None]), axis=1, overwrite_x=True)
-        for first in range(0, len(out), _GAINS):
-            part = slice(first, first + _GAINS)
-            np.multiply(spectrum[part], self._gains(spectrum[part]), out=out[part])
+        np.multiply(spectrum, self._gains(spectrum), out=out)
         cleaned = fft.ifft(out, axis=1, overwrite_x=True)
         if not np.may_share_memory(cleaned, out):  # SciPy promises no transform in place
             out[:] = cleaned

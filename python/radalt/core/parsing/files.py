@@ -104,6 +104,18 @@ def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") 
         raise InputError(f"{what} {_name(path)}: not valid YAML{where}: {problem[:120]}") from None
 
 
+def write_yaml(path: Path | str, data: Any, **style: Any) -> Path:
+    """Write plain values as YAML, all or nothing; ``style`` as of `yaml.safe_dump`. Returns the file."""
+    import yaml
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_suffix(".new")
+    new.write_text(yaml.safe_dump(data, **style), encoding="utf-8")
+    new.replace(path)
+    return path
+
+
 @functools.cache
 def _loader() -> type:
     """The YAML loader class, built on first use since PyYAML is imported lazily."""

@@ -32,6 +32,8 @@ class Settings:
             value, among = getattr(self, field.name, None), field.metadata.get("among")
             if among and value not in among:
                 raise ValueError(f"{self.section}.{field.name} is {value!r}; allowed: {', '.join(among)}")
+            if field.type is int and isinstance(value, float) and not value.is_integer():
+                raise ValueError(f"{self.section}.{field.name} is {value:g}; expected a whole number")
             if isinstance(field.default, bool) and value not in (True, False):
                 raise ValueError(f"{self.section}.{field.name} is {value!r}; expected true or false")
             if field.metadata.get("limits"):

@@ -11,7 +11,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..parsing import InputError, load_yaml
+from ..parsing import InputError, load_yaml, write_yaml
 
 _MOST_SAMPLES = 1e9  # largest magnitude of a latency, samples: two minutes at 7.5 MS/s
 
@@ -76,16 +76,10 @@ def store_latency_samples(
 
     Raises `CalibrationError` if the radio has no serial number, or the file exists but cannot be used.
     """
-    import yaml
-
     if not key.serial:
         raise CalibrationError(
             f"calibration: this {key.device_type} reports no serial number; set radio.radar_serial in the scene"
         )
     path = Path(path) if path else calibration_path()
     table = _read(path) | {str(key): round(float(latency_samples), 6)}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(".new")
-    new.write_text(yaml.safe_dump({"latency_samples": table}), encoding="utf-8")
-    new.replace(path)
-    return path
+    return write_yaml(path, {"latency_samples": table})

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..programme import SentAltitudes
-from ..waveform import Waveform
+from ..waveform import Waveform, read_only
 from .point import point_return
 
 
@@ -40,6 +40,4 @@ class SentSweeps:
 
 @lru_cache(maxsize=64)  # 60 KB each at the default waveform
 def _shifted(waveform: Waveform, altitude_m: float) -> np.ndarray:
-    sweep = waveform.beat_shifted(altitude_m)
-    sweep.flags.writeable = False
-    return sweep
+    return read_only(waveform.beat_shifted(altitude_m))

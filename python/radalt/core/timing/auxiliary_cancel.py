@@ -40,7 +40,7 @@ class CancelSettings(Settings, where="auxiliary_cancel"):
     reach_s: float = setting(1.07e-6, 0.0, 2e-6)
     """Delays covered, plus and minus: path differences of an interferer and differences of the front ends."""
     order: int = setting(0, 0, 3)
-    """Polynomial in time that weights follow within a piece: 0 for antennas at rest."""
+    """Polynomial in time that weights follow within a piece: 0 for static antennas."""
     conjugate: bool = False
     """Use the second channel's complex conjugate as well, at twice the cost: for images of front ends above -45 dB."""
     least_db: float = setting(0.5, 0.1, 20.0)

@@ -16,8 +16,3 @@ class Frame:
     """Delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter subtracts it."""
     auxiliary: np.ndarray | None = None
     """(N,) complex64 or None: the second channel's samples of the same time, in the block that cuts both."""
-
-    def keep(self, lent: np.ndarray) -> None:
-        """Take samples of its own where they are a view of ``lent``, see `FrameSegmenter.push`."""
-        if np.may_share_memory(self.samples, lent):
-            self.samples = self.samples.copy()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..parsing import InputError, convert, load_yaml
+from ..parsing import InputError, convert, load_yaml, write_yaml
 from ..paths import share_dir
 from ..waveform import Waveform
 from .leakage import SHAPES, LeakageCalibration, LeakageCanceller
@@ -22,8 +22,6 @@ _LARGEST = 1e9  # of a coefficient, 120 dB above the shipped ones: its power sta
 
 def store_leakage(calibration: LeakageCalibration, path: Path | str) -> Path:
     """Write a calibration as YAML; returns the file."""
-    import yaml
-
     w = calibration.waveform
     table = {
         "waveform": {f.name: getattr(w, f.name) for f in fields(w)},
@@ -31,12 +29,7 @@ def store_leakage(calibration: LeakageCalibration, path: Path | str) -> Path:
     }
     for name, row in zip(("up", "down"), calibration.coefficients, strict=True):
         table[name] = [[float(f"{c.real:.6g}"), float(f"{c.imag:.6g}")] for c in row]
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(".new")
-    new.write_text(yaml.safe_dump(table, sort_keys=False, default_flow_style=None), encoding="utf-8")
-    new.replace(path)
-    return path
+    return write_yaml(path, table, sort_keys=False, default_flow_style=None)
 
 
 def leakage_path(name: Path | str) -> Path:

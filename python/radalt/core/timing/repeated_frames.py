@@ -88,8 +88,10 @@ class RepeatedNoise:
 
     def reset(self) -> None:
         """Forget all frames."""
-        self._noise = np.zeros((0, 2 * self._at.size), dtype=np.complex64)
-        self._lines, self._cells = np.zeros((0, 2), dtype=np.complex64), np.zeros((0, 2), dtype=np.int16)
+        # pages of memory that no frame has filled yet are none
+        self._noise = np.zeros((self._memory, 2 * self._at.size), dtype=np.complex64)
+        self._lines = np.zeros((self._memory, 2), dtype=np.complex64)
+        self._cells = np.zeros((self._memory, 2), dtype=np.int16)
         self._whole = np.zeros((self._recalled, 2, self._span.stop - self._span.start), dtype=np.complex64)
         self._count = self._times = self._lag = 0
 
@@ -128,10 +130,6 @@ class RepeatedNoise:
     def _store(self, noise: np.ndarray, lines: np.ndarray, cells: np.ndarray) -> None:
         at = self._count % self._memory
         self._count += len(noise)
-        if at + len(noise) > len(self._noise) < self._memory:  # grows by doubling, up to its full length
-            size = min(self._memory, max(16 * self._step, 2 * len(self._noise)))
-            grown = [np.resize(old, (size, old.shape[1])) for old in (self._noise, self._lines, self._cells)]
-            self._noise, self._lines, self._cells = grown
         place = (at + np.arange(len(noise))) % self._memory
         self._noise[place], self._lines[place], self._cells[place] = noise, lines, cells
 

@@ -142,13 +142,8 @@ class FrameSegmenter:
         self._slips.clear()
         self.state = ACQUIRING
 
-    def push(self, samples: np.ndarray, *, lend: bool = False) -> list[Frame]:
-        """Take a chunk of complex64 samples, return the frames that it completed and that are safe to use.
-
-        With ``lend`` the frames returned may be views of ``samples``, which saves a copy of each. They are valid until
-        ``samples`` are overwritten: before that, copy their samples, or call ``frame.keep(samples)`` for each that is
-        still needed. Without ``lend`` every frame has samples of its own, and so has what the segmenter holds back.
-        """
+    def push(self, samples: np.ndarray) -> list[Frame]:
+        """Take a chunk of complex64 samples, return the frames that it completed and that are safe to use."""
         out: list[Frame] = []
         taken, n = 0, self._n
         # samples may hold any value, which the verdicts handle
@@ -156,7 +151,7 @@ class FrameSegmenter:
             while taken < samples.size:
                 left = samples.size - taken
                 if self.state == LOCKED and not (self._filled or self._discard) and left >= n:
-                    taken += self._emit_whole(samples[taken : taken + left // n * n], out, lend=lend)
+                    taken += self._emit_whole(samples[taken : taken + left // n * n], out)
                     continue
                 end = self._first + self._filled
                 if self._buffer.size - end < left and self._first:
@@ -170,9 +165,6 @@ class FrameSegmenter:
                 taken += count
                 while self._step(out):
                     pass
-        if lend:
-            for frame, _ in self._held:
-                frame.keep(samples)
         self.counters["frames"] += len(out)
         return out
 
@@ -237,7 +229,7 @@ class FrameSegmenter:
             samples = self._waiting(0, self._n)
             self._first += self._n
             self._filled -= self._n
-            return bool(self._emit_whole(samples, out, lend=False))
+            return bool(self._emit_whole(samples, out))
         if self.state == RESYNC:
             return self._confirm_index()
         return self._wait_for_sync()
@@ -291,11 +283,11 @@ class FrameSegmenter:
 
     # -- locked ---------------------------------------------------------------------------------------------------
 
-    def _emit_whole(self, samples: np.ndarray, out: list[Frame], *, lend: bool) -> int:
+    def _emit_whole(self, samples: np.ndarray, out: list[Frame]) -> int:
         """Emit the whole frames of ``samples`` until the lock is lost; returns how many samples these are."""
         frames, done = samples.reshape(-1, self._n), 0
         for frame, mark in zip(frames, self._faults.marks(frames), strict=True):
-            self._emit(frame.astype(np.complex64, copy=not lend), mark, out)
+            self._emit(frame.astype(np.complex64), mark, out)
             done += self._n
             if self.state != LOCKED:
                 break

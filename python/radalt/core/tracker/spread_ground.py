@@ -51,7 +51,8 @@ _POOR, _SPREAD = 6.0, 2.0
 _CHANGING, _ALIKE = 0.05, 0.85
 # Least number of independent frames in a block: fewer, below some 10 m/s, leave the shape to chance.
 _LEAST_LOOKS = 4.0
-# Metres by which the fit lies before the nearest point, mean over the shipped kinds of ground (tests/test_ground.py).
+# Metres that are added to the fit: it lies 2 to 6 m before the nearest point in level flight, and up to 3 m beyond it
+# over mountains banked by 40 degrees (tests/test_ground.py, shipped kinds of ground); too low is the safe side.
 _BIAS_M = 1.5
 # Share of the distance from the nearest point to the top by which the fit errs, one deviation.
 _LEAN = 0.05

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.altimeter.altimeter import Altimeter
 from ...core.returns.terrain.synthesis import NODE_STEP, interpolator
-from ...core.waveform import C_M_PER_S, exp_cycles
+from ...core.waveform import C_M_PER_S, exp_cycles, unit
 from .cases import BLOCK, WAVEFORM
 from .long_flights import TIMES_S, Scatterers
 
@@ -98,11 +98,7 @@ def beats_of(altimeter: Altimeter) -> Beats:
 
 def _exp(cycles: np.ndarray) -> np.ndarray:
     """`exp_cycles` in single precision."""
-    angle = (2.0 * np.pi * (cycles - np.rint(cycles))).astype(np.float32)
-    out = np.empty(angle.shape, dtype=np.complex64)
-    np.cos(angle, out=out.real)
-    np.sin(angle, out=out.imag)
-    return out
+    return unit((2.0 * np.pi * (cycles - np.rint(cycles))).astype(np.float32))
 
 
 def _tones(begin: np.ndarray, step: np.ndarray, nodes: int) -> np.ndarray:

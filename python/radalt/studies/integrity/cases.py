@@ -114,7 +114,7 @@ class Case:
     sir_db: float | None = None
     snr_db: float = 10.0
     ground: bool = True  # whether there is a return of the ground
-    value: float = 0.0  # size of the fault: metres, dB, share of frames, parts per million, rail over RMS
+    value: float = 0.0  # size of the fault: metres, dB, share of frames, ppm, rail over RMS; m/s over land
     known: str = ""
     """The limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the claim;
     empty inside it."""

@@ -35,7 +35,8 @@ def _arguments(parser: Parser) -> None:
     parser.option("--allowed-m-per-s", words, number(float, 10.0, 150.0), 20.0)
     add_seed(parser, 1)
     parser.option("--pool", "rows.csv of earlier flights, with commas, for the rates per hour", default="")
-    parser.option("--replay", "fly once more and print every output", default="", metavar="CASE:SEED[:BATCH]")
+    words = "fly once more and print every output; @SPEED: over land, at so many m/s over ground"
+    parser.option("--replay", words, default="", metavar="CASE[@SPEED]:SEED[:BATCH]")
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> "IntegrityStudy | int":
@@ -67,13 +68,14 @@ def _replay(study: "IntegrityStudy", text: str, parser: Parser) -> int:
     from .cases import case_of
     from .study import replay_lines
 
-    found = re.fullmatch(r"([^:]{1,200}):(\d{1,18})(?::(\d{1,9}))?", text)
-    if not found:
+    found = re.fullmatch(r"([^:@]{1,200})(?:@([1-9]\d{,2}|0\.[1-9]))?:(\d{1,18})(?::(\d{1,9}))?", text)
+    if not found or found[2] and not text.startswith("land/"):
         parser.error(f"--replay is {text[:60]!r}; write CASE:SEED or CASE:SEED:BATCH, as in events.csv")
-    name, seed, batch = found.groups()
+    name, speed, seed, batch = found.groups()
     study = dataclasses.replace(study, seed=int(seed))
     study.check()
-    print("\n".join(replay_lines(study, case_of(name), int(batch or 0))))
+    case = dataclasses.replace(case_of(name), value=float(speed)) if speed else case_of(name)
+    print("\n".join(replay_lines(study, case, int(batch or 0))))
     return 0
 
 

@@ -111,8 +111,8 @@ class Point:
 class Land:
     """A flight over the land and in the attitude that a case names, by blocks of 40 frames."""
 
-    def __init__(self, name: str, frames: int, rng: np.random.Generator) -> None:
-        _, land, attitude = name.split("/")[:3]
+    def __init__(self, case: Case, frames: int, rng: np.random.Generator) -> None:
+        _, land, attitude = case.name.split("/")[:3]
         beam, pitch, bank = ATTITUDES[attitude]
         blocks = -(-frames // BLOCK)
         self._up = _altitudes(rng, blocks)
@@ -129,7 +129,7 @@ class Land:
             ground=reflectivity(*LANDS[land]),
             grid=GroundGrid(int(rng.integers(1 << 31)), cells),
         )
-        self._speed = float(rng.uniform(*_SPEED_M_PER_S))
+        self._speed = case.value or float(rng.uniform(*_SPEED_M_PER_S))
         self._roll = np.clip(bank + _wander(rng, blocks, _WANDER_DEG, _WANDER_S), -_MOST_DEG, _MOST_DEG)
         self._pitch = pitch + _wander(rng, blocks, _WANDER_DEG, _WANDER_S)
         self._held = (-1,)
@@ -173,7 +173,7 @@ class Land:
 
 def flight_of(case: Case, frames: int, rng: np.random.Generator) -> Land | Point:
     """The flight of a case of the kinds `land` and `point`."""
-    return Land(case.name, frames, rng) if case.kind.startswith("land") else Point(case, frames, rng)
+    return (Land if case.kind.startswith("land") else Point)(case, frames, rng)
 
 
 def frames_of(s: Scatterers) -> np.ndarray:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ...core.paths import share_dir
-from ...evaluation.engine.options import MAX_SEED, Parser, number, path
+from ...evaluation.engine.options import Parser, number, path
 from ...evaluation.engine.shell import StudyCommand
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def _arguments(parser: Parser) -> None:
     words = "frames per row of the sensitivity table; 0: no table"
     parser.option("--sensitivity-trials", words, number(int, 0, 1_000_000))
     what = "of scatterers, noise and interference (default: the study's)"
-    parser.option("--seed", what, number(int, 0, MAX_SEED))
+    parser.option("--seed", what, number(int, 0, 2**31 - 1))
 
 
 def _study(args: argparse.Namespace, parser: Parser) -> "LandingStudy":

@@ -111,9 +111,8 @@ def _track(timed: Callable, method: str, block: Any, spectra: Spectra, received:
 
 def _run_graph(timed: Callable, samples: int, batch: int, frames: int) -> None:
     """ONNX Runtime alone, on frames of unit noise."""
-    network = OnnxNetwork(default_model_path(), samples, 1)
+    network = OnnxNetwork(default_model_path(), 1)
     noise = np.random.default_rng(0).standard_normal((batch, 2, samples), dtype=np.float32)
-    network.planes(batch)[:] = noise
-    network.run(batch)
+    network.run(noise)
     for _ in range(0, frames, batch):
-        timed("network's graph", batch, lambda: network.run(batch))
+        timed("network's graph", batch, lambda: network.run(noise))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ...parsing import LARGEST, setting
+from ...waveform import read_only
 from ..evm import evm_title
 from ..nr_config import SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
 from ..nr_grid import resource_grid, transmitted
@@ -164,6 +165,5 @@ def _received(emitter: NrEmitter, rate_hz: float, amplifier: "Amplifier | None")
     ramp = np.exp(2j * np.pi * (steps * np.arange(frame_length) % frame_length) / frame_length)
     shifted = (sent.reshape(-1, frame_length) * ramp).ravel()
     received = resample_periodic(shifted, length * emitter.subcarrier_spacing_hz, rate_hz)
-    received = received / np.sqrt(np.vdot(received, received).real / received.size)
-    received.setflags(write=False)
+    received = read_only(received / np.sqrt(np.vdot(received, received).real / received.size))
     return received, emitter.carrier_hz - steps / FRAME_SECONDS

@@ -1,6 +1,5 @@
 """QPSK with rectangular or root-raised-cosine pulses."""
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -9,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...parsing import setting
-from ...waveform import exp_cycles
+from ...waveform import exp_cycles, read_only
 from ..evm import check_evm, error_vectors, evm_fraction, evm_title
 from ..transmission import Signal, in_drawn_blocks
 from . import NamedEmitter, register
@@ -33,9 +32,7 @@ def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
         singular = np.isclose(den, 0.0)
         taps = np.where(singular, edge, num / np.where(singular, 1.0, den))
         taps[np.isclose(t, 0.0)] = 1 - b + 4 * b / np.pi
-    taps = taps / np.sqrt(np.sum(taps**2))
-    taps.setflags(write=False)
-    return taps
+    return read_only(taps / np.sqrt(np.sum(taps**2)))
 
 
 @register
@@ -132,24 +129,6 @@ class QpskEmitter(NamedEmitter):
 
         return signal
 
-    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """Write samples of power ``mean_power`` into ``span``, complex64 or complex128, faster than by `samples`.
-
-        True if written: ideal rectangular pulses without a carrier offset have constant modulus, so symbols are
-        scaled in place of samples. Otherwise nothing is drawn or written.
-        """
-        rate = self.symbol_rate_hz / rate_hz
-        if self.pulse != "rectangular" or self.carrier_hz or self.evm or rate > 1:
-            return False
-        offset, phase = rng.random(2)
-        _, index = _held_index(0, span.size, rate, offset)
-        drawn = rng.integers(0, 4, int(index[-1]) + 1)
-        points = _CONSTELLATION * np.exp(2j * np.pi * phase)
-        points *= math.sqrt(mean_power)
-        # the default mode buffers the output
-        np.take(points.astype(span.dtype).take(drawn, mode="wrap"), index, out=span, mode="wrap")
-        return True
-
     def _shaped(self, first: int, count: int, rate: float, offset: float, symbols: Signal) -> np.ndarray:
         """Polyphase root-raised-cosine at the rational ``down/up`` samples per symbol nearest to ``1/rate``."""
         ratio = Fraction(1 / rate).limit_denominator(64)
@@ -191,6 +170,4 @@ def _held_index(first: int, count: int, rate: float, offset: float) -> tuple[int
 @lru_cache(maxsize=16)
 def _ramp(count: int, step: float) -> np.ndarray:
     """(count,) float64 multiples of ``step`` from 0 on, read-only and cached: every frame of an emitter needs them."""
-    ramp = np.arange(count) * step
-    ramp.setflags(write=False)
-    return ramp
+    return read_only(np.arange(count) * step)

@@ -62,10 +62,6 @@ class QpskReceivedEmitter(QpskEmitter):
 
         return signal
 
-    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """Always False: there is no faster way than `samples`."""
-        return False
-
 
 def _held(times: np.ndarray, oldest: int, symbols_from: Signal) -> np.ndarray:
     """(n,) means of rectangular pulses between n + 1 ``times`` in symbols."""

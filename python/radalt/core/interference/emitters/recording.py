@@ -11,6 +11,7 @@ import numpy as np
 from ...parsing import LARGEST, InputError, check_file, setting, shown
 from ...raw_file import RawFile, open_raw
 from ...sigmf_file import SigmfFile, open_sigmf
+from ...waveform import read_only
 from ..own_noise import MOST_DB, prefix_snr_db
 from ..receiver_filter import rate_ratio, repeated, resample_periodic
 from ..transmission import Signal
@@ -153,6 +154,4 @@ def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
             f"recording.offset_hz {emitter.offset_hz:g} leaves nothing of {emitter.file} in the radar's band; "
             f"keep it within {rate_hz / 2:g} of what was recorded"
         )
-    received = received / np.sqrt(power)
-    received.setflags(write=False)
-    return received
+    return read_only(received / np.sqrt(power))

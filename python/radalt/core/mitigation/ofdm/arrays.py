@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...spectral_line import upper_median
+from ...waveform import read_only
 
 
 def power(x: np.ndarray) -> np.ndarray:
@@ -43,9 +44,7 @@ def _members(segments: tuple[int, ...], count: int) -> np.ndarray:
     rows = np.arange(count)
     starts = np.array(segments)[:, None]
     ends = np.array((*segments[1:], count))[:, None]
-    which = ((rows >= starts) & (rows < ends)).astype(np.float32)
-    which.setflags(write=False)
-    return which
+    return read_only(((rows >= starts) & (rows < ends)).astype(np.float32))
 
 
 def segment_sums(values: np.ndarray, segments: np.ndarray) -> np.ndarray:

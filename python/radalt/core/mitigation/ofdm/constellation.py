@@ -9,6 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...waveform import read_only
+
 EMPTY, QPSK, BOOSTED, QAM = (
     0,
     1,
@@ -47,8 +49,7 @@ def rail_tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             tables[0, row, number] = np.maximum(density, _LEAST)
             tables[1, row, number] = weight @ levels
             tables[2, row, number] = weight @ levels**2
-    tables.setflags(write=False)
-    density, mean, second = tables.reshape(3, len(_LEVELS), -1)
+    density, mean, second = read_only(tables).reshape(3, len(_LEVELS), -1)
     return density, mean, second
 
 

@@ -4,6 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...waveform import read_only
+
 _CYCLE_S = 0.5e-3  # from one long prefix to the next, TS 38.211 clause 5.3.1
 _PREFIX_S = 144 / 30.72e6  # short prefix at 15 kHz, TS 38.211 clause 5.3.1; it shrinks with the symbol
 _LONGER_S = 16 / 30.72e6  # by which the long prefix exceeds it, whatever the spacing
@@ -67,6 +69,4 @@ class Numerology:
 def fold_index(count: int, spacing: float) -> np.ndarray:
     """(count,) int, read-only: position of each sample in a symbol of mean length ``spacing``."""
     bins = round(spacing)
-    index = (np.arange(count) * (bins / spacing)).astype(np.intp) % bins
-    index.setflags(write=False)
-    return index
+    return read_only((np.arange(count) * (bins / spacing)).astype(np.intp) % bins)

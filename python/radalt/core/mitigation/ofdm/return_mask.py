@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...waveform import C_M_PER_S, Waveform
+from ...waveform import C_M_PER_S, Waveform, read_only
 from .numerology import Numerology
 from .settings import OfdmSettings
 
@@ -44,7 +44,5 @@ class ReturnMask:
             for off in range(1, self._margin + 1):
                 mask |= np.roll(hit, off, axis=1)
                 mask |= np.roll(hit, -off, axis=1)
-            free = ~mask
-            free.setflags(write=False)
-            self._last = *key, free
+            self._last = *key, read_only(~mask)
         return self._last[2]

@@ -7,6 +7,7 @@ from scipy import fft
 from scipy.linalg import blas
 
 from ...fir import cosine_window
+from ...waveform import read_only
 
 _LINE = 30.0  # times the median power of the bins around it; of 7,500 bins of noise the largest has 13
 _PEAK = 20.0  # times the mean power of all bins: a fainter tone does no harm
@@ -42,9 +43,7 @@ def without_tones(frame: np.ndarray) -> np.ndarray | None:
 @lru_cache(maxsize=4)
 def _window(count: int) -> np.ndarray:
     """Hann window, (count,) float32, read-only."""
-    window = cosine_window("hann", count, periodic=True).astype(np.float32)
-    window.setflags(write=False)
-    return window
+    return read_only(cosine_window("hann", count, periodic=True).astype(np.float32))
 
 
 def _lines(frame: np.ndarray) -> np.ndarray:
@@ -93,9 +92,7 @@ def _fitted(frame: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarra
 @lru_cache(maxsize=4)
 def _time(count: int) -> np.ndarray:
     """(count,) float32 times in frames from the middle, read-only."""
-    time = ((np.arange(count) - (count - 1) / 2) / count).astype(np.float32)
-    time.setflags(write=False)
-    return time
+    return read_only(((np.arange(count) - (count - 1) / 2) / count).astype(np.float32))
 
 
 def _carriers(turns: np.ndarray, out: np.ndarray) -> None:

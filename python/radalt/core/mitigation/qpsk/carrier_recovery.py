@@ -5,6 +5,8 @@ import cmath
 import numpy as np
 from scipy import fft
 
+from ...waveform import unit
+
 _PADDING = 4  # times the length of the transform in which the carrier's line is found: 0.2 dB of scalloping
 
 
@@ -27,7 +29,7 @@ def phasors(cycles: float, count: int) -> np.ndarray:
     steps = np.arange(short)
     coarse = short * cycles % 1.0 * steps
     angles = np.concatenate([coarse - np.rint(coarse), cycles * steps % 1.0])
-    both = _unit((2 * np.pi * angles).astype(np.float32))
+    both = unit((2 * np.pi * angles).astype(np.float32))
     return (both[:short, None] * both[short:]).ravel()[:count]
 
 
@@ -71,11 +73,3 @@ def decide(
     offset = cmath.phase(mean) + float(weight @ phase) / total - slope * centre
     carrier *= phasors(slope / (8 * np.pi), outputs.size) * np.complex64(cmath.exp(0.25j * offset))
     return nearest(outputs * carrier.conj()) * active, carrier
-
-
-def _unit(angle: np.ndarray) -> np.ndarray:
-    """exp(j angle) of float32 angles in radians, as complex64; a complex exponential costs ten times that."""
-    out = np.empty(angle.shape, dtype=np.complex64)
-    np.cos(angle, out=out.real)
-    np.sin(angle, out=out.imag)
-    return out

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft, linalg, ndimage
 
-from ...waveform import exp_cycles
+from ...waveform import exp_cycles, read_only
 from .carrier_recovery import decide, largest_correlation, nearest
 from .settings import QpskSettings
 from .symbol_timing import SymbolTiming
@@ -109,9 +109,7 @@ class CmaEqualiser:
 @lru_cache(maxsize=4)
 def _advances(count: int) -> np.ndarray:
     """(_UPSAMPLING, count) complex64, read-only: responses that advance a frame by 0, 1 ... parts of a sample."""
-    responses = exp_cycles(fft.fftfreq(count) * np.arange(_UPSAMPLING)[:, None] / _UPSAMPLING)
-    responses.setflags(write=False)
-    return responses
+    return read_only(exp_cycles(fft.fftfreq(count) * np.arange(_UPSAMPLING)[:, None] / _UPSAMPLING))
 
 
 def _tap_pairs(fine: np.ndarray, spacing: int, taps: int) -> np.ndarray:

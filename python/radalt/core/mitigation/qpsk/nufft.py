@@ -8,6 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...waveform import read_only
+
 # points of the grid per sample, at least: images of the window are 90 dB down with 6 points
 OVERSAMPLING = 1.5
 SPREAD_POINTS = 6  # points per impulse
@@ -26,9 +28,7 @@ def _window(width: int) -> np.ndarray:
     distance = np.arange(1 - width // 2, width // 2 + 1)[:, None] - np.arange(_TABLE + 1) / _TABLE
     inside = np.maximum(1 - (2 * distance / width) ** 2, 0)
     beta = _beta(width)
-    window = (np.i0(beta * np.sqrt(inside)) / np.i0(beta) * (inside > 0)).astype(np.float32)
-    window.setflags(write=False)
-    return window
+    return read_only((np.i0(beta * np.sqrt(inside)) / np.i0(beta) * (inside > 0)).astype(np.float32))
 
 
 def correction(cycles: np.ndarray, points: int) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft, linalg
 
+from ...waveform import read_only
 from .cma_equaliser import Symbols
 from .nufft import OVERSAMPLING, SPREAD_POINTS, correction, spread
 from .overlap_save import OverlapSave
@@ -56,9 +57,7 @@ class SymbolTrain(OverlapSave):
 @lru_cache(maxsize=8)
 def _correction(count: int, points: int) -> np.ndarray:
     """(count,) float32, read-only: what the bins of a frame are multiplied by, made of a grid of so many points."""
-    factors = correction(fft.fftfreq(count) * count / points, SPREAD_POINTS)
-    factors.setflags(write=False)
-    return factors
+    return read_only(correction(fft.fftfreq(count) * count / points, SPREAD_POINTS))
 
 
 def _bins(grid: np.ndarray, count: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy import fft
 
 from ...fir import cosine_window
 from ...spectral_line import peak_curve, peak_offset, upper_median
-from ...waveform import exp_cycles
+from ...waveform import exp_cycles, read_only
 from .settings import QpskSettings
 
 _PEAK_CURVE = peak_curve(cosine_window("hann", 256, periodic=True), 1 / 256)
@@ -26,9 +26,7 @@ class SymbolTiming:
 @lru_cache(maxsize=4)
 def _window(count: int) -> np.ndarray:
     """Periodic Hann window, (count,) float32, read-only."""
-    window = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)).astype(np.float32)
-    window.setflags(write=False)
-    return window
+    return read_only((0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)).astype(np.float32))
 
 
 def find_symbol_timing(frame: np.ndarray, s: QpskSettings) -> SymbolTiming | None:

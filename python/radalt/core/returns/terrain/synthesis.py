@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...waveform import C_M_PER_S, Waveform, exp_cycles
+from ...waveform import C_M_PER_S, Waveform, exp_cycles, read_only
 
 TAPS = 14  # interpolator length; its error is near -100 dB at twofold oversampling
 KAISER_BETA = 11.0  # Kaiser window of the interpolator: side lobes near -100 dB
@@ -104,8 +104,7 @@ def interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray, 
     inside = np.abs(distance) <= TAPS / 2
     taper = np.i0(KAISER_BETA * np.sqrt(np.clip(1.0 - (2.0 * distance / TAPS) ** 2, 0.0, None)))
     taper /= np.i0(KAISER_BETA)
-    matrix = np.where(inside, np.sinc(distance) * taper, 0.0)
-    matrix.setflags(write=False)
+    matrix = read_only(np.where(inside, np.sinc(distance) * taper, 0.0))
     first = -(0.5 * samples + (TAPS // 2) * step) / rate_hz
     return matrix, first, step / rate_hz
 
