@@ -3,6 +3,8 @@
 `scipy.signal` gives the same numbers to the bit, but its import costs every process 40 MB and half a second.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.special import i0
 
@@ -19,6 +21,14 @@ def cosine_window(name: str, points: int, *, periodic: bool = False) -> np.ndarr
     """(points,) float64 window of `WINDOWS`: symmetric, or one period of a sequence, as an STFT needs it."""
     t = np.linspace(-np.pi, np.pi, points + periodic)
     return sum(weight * np.cos(k * t) for k, weight in enumerate(WINDOWS[name]))[:points]
+
+
+@lru_cache(maxsize=8)
+def periodic_hann(count: int) -> np.ndarray:
+    """One period of a Hann window, (count,) float32, read-only."""
+    window = cosine_window("hann", count, periodic=True).astype(np.float32)
+    window.setflags(write=False)
+    return window
 
 
 def tukey_window(points: int, share: float) -> np.ndarray:

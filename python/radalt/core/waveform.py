@@ -10,22 +10,11 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.constants import speed_of_light as C_M_PER_S
+from scipy.constants import speed_of_light
 
 from .parsing import InputError, Settings, setting, shown
 
-__all__ = [
-    "C_M_PER_S",
-    "SHAPES",
-    "Waveform",
-    "altitude_to_delay_s",
-    "delay_to_altitude_m",
-    "exp_cycles",
-    "read_only",
-    "sum_of_waves",
-]
-
-
+C_M_PER_S = speed_of_light
 # Slope of the frame's two halves by shape: 1 rises, -1 falls.
 SHAPES = {"triangle": (1, -1), "sawtooth_up": (1, 1), "sawtooth_down": (-1, -1)}
 

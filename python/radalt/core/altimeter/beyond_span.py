@@ -71,14 +71,9 @@ class BeyondSpan:
 
         NaN where neither stands out: of a frame of noise, or under interference.
         """
-        out = np.zeros(len(frames))
-        if self._first < self._count - self._reach:  # else the span reaches up to Nyquist
-            with np.errstate(invalid="ignore", over="ignore"):
-                self._ratios(frames.reshape(-1, 2, self._half), out)
-        return out
-
-    def _ratios(self, halves: np.ndarray, out: np.ndarray) -> None:
-        """Ratios of (n, 2, N/2) half sweeps into ``out``, which is zero."""
+        out, halves = np.zeros(len(frames)), frames.reshape(-1, 2, self._half)
+        if self._first >= self._count - self._reach:  # the span reaches up to Nyquist
+            return out
         # an up cell from here on has its return beyond the span, whatever its Doppler; two cells lower within it
         reach, first = self._reach, int(self._first) + 1
         shown = np.arange(len(halves))
@@ -87,11 +82,12 @@ class BeyondSpan:
             beats = halves[shown, half]
             if rising:
                 np.conjugate(beats, out=beats)
-            beats *= self._table[half]
-            spectrum = fft.fft(beats, overwrite_x=True)[:, : self._count]
-            cells = spectrum.real**2
-            cells += spectrum.imag**2
-            power = cells[:, :-1] + cells[:, 1:]  # a line between two cells loses less
+            with np.errstate(invalid="ignore", over="ignore"):
+                beats *= self._table[half]
+                spectrum = fft.fft(beats, overwrite_x=True)[:, : self._count]
+                cells = spectrum.real**2
+                cells += spectrum.imag**2
+                power = cells[:, :-1] + cells[:, 1:]  # a line between two cells loses less
             strong = power[:, first:].max(axis=1) >= 0.5 * WEAKEST * power[:, : first - 2].max(axis=1)
             shown, powers = shown[strong], [rows[strong] for rows in (*powers, power)]
         for k, pair, power in zip(shown, pair_sums(*powers, reach), zip(*powers, strict=True), strict=True):
@@ -102,6 +98,7 @@ class BeyondSpan:
             if ratio >= WEAKEST:
                 each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
                 out[k] = ratio if sum(each) > self._threshold else np.nan
+        return out
 
     def _significance(self, power: np.ndarray, cell: int) -> np.ndarray:
         """(1,) `significance` of a cell over the noise around it."""

@@ -15,10 +15,8 @@ import numpy as np
 class Emitter(Protocol):
     """Protocol of an emitter.
 
-    An emitter may also have ``write(span, mean_power, rate_hz, rng) -> bool``. It writes samples of power
-    ``mean_power`` into ``span`` (complex64 or complex128) where this is faster than `samples`, and returns False if
-    it wrote and drew nothing. With ``begin(rate_hz, rng)`` it is a function of time (see `transmission`) and goes on
-    from frame to frame in a stream; without, a stream draws it anew every 40 frames.
+    With ``begin(rate_hz, rng)`` it is a function of time (see `transmission`) and goes on from frame to frame in a
+    stream; without, a stream draws it anew every 40 frames.
     """
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -80,8 +78,9 @@ def _place(frame: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.ra
     wanted = 10.0 ** (-interferer.sir_db / 10.0) * frame_samples
     if hasattr(emitter, "seek"):
         emitter.seek(first)
-    write = getattr(emitter, "write", None)
-    if write is not None and write(span, wanted / count, rate_hz, rng):
+    if getattr(emitter, "steady", False):
+        part = emitter.samples(count, rate_hz, rng)
+        np.multiply(part, np.sqrt(wanted / count), out=span, casting="same_kind")
         return
     burst = emitter.samples(count, rate_hz, rng)
     energy = np.vdot(burst, burst).real
@@ -99,15 +98,14 @@ def interference_frames(
     rng: np.random.Generator,
     *,
     total_sir_db: float | None = None,
-    dtype: type = np.complex128,
     out: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(frames, N) ``dtype``: sum of interferers, each at its own SIR, the sum scaled to ``total_sir_db`` if given.
+    """(frames, N) complex128: sum of interferers, each at its own SIR, the sum scaled to ``total_sir_db`` if given.
 
-    Sums are made in complex128 whatever the ``dtype``. ``out``, if given, is written to and returned, in its own dtype.
+    ``out``, if given, is written to and returned, in its own dtype.
     """
     if len(interferers) == 1 and total_sir_db is None:  # nothing to sum
-        alone = np.empty((frames, frame_samples), dtype=dtype) if out is None else out
+        alone = np.empty((frames, frame_samples), np.complex128) if out is None else out
         for row in alone:
             _place(row, interferers[0], rate_hz, rng)
         return alone
@@ -119,6 +117,6 @@ def interference_frames(
             have, wanted = np.vdot(row, row).real, 10.0 ** (-total_sir_db / 10.0) * frame_samples
             row *= np.sqrt(wanted / have) if have > 0 else 1.0
     if out is None:
-        return total.astype(dtype, copy=False)
+        return total
     out[:] = total
     return out

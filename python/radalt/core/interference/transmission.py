@@ -105,10 +105,3 @@ class Transmission(InFrames):
             signal = self._begun = begin(self.emitter, rate_hz, rng)
             self._signal = in_blocks(lambda k: signal(k * _BLOCK, _BLOCK), _BLOCK)
         return self._signal(first, count)
-
-    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """See `Emitter`: with constant gain if ``steady``, else nothing is written."""
-        if self.steady:
-            part = self.samples(span.size, rate_hz, rng)
-            np.multiply(part, np.sqrt(mean_power), out=span, casting="same_kind")
-        return self.steady

@@ -9,9 +9,8 @@ from ..waveform import Waveform
 from .base import MitigationError, PlotStyle
 from .ofdm.arrays import power
 from .ofdm.burst_detection import loud_burst
-from .ofdm.iterative_receiver import Reception
+from .ofdm.iterative_receiver import ITERATION_FFTS, Reception
 from .ofdm.numerology import Numerology
-from .ofdm.prices import ITERATION_FFTS
 from .ofdm.return_aware import ReturnAwareReceiver
 from .ofdm.return_estimation import ReturnEstimator
 from .ofdm.return_mask import ReturnMask

@@ -61,8 +61,6 @@ class OwnProcess(Mitigation):
     """
 
     def __init__(self, method: str, waveform: Waveform, *, batch: int = 4, **parameters: object) -> None:
-        if batch < 1:
-            raise MitigationError(f"batch is {batch}; it has to be at least 1 frame")
         self.name, self._batch = method, int(batch)
         n = waveform.samples_per_frame
         with tempfile.TemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as file:

@@ -141,7 +141,6 @@ class LeakageCanceller:
         self._learned = self.coefficients.copy()
         self._due: deque[tuple[int, np.ndarray]] = deque()
         self.learned_frames = 0
-        self.version = 0  # counts changes of the background
         self.align(0.0)
 
     @classmethod
@@ -170,7 +169,6 @@ class LeakageCanceller:
             .reshape(-1)
             .astype(np.complex64)
         )
-        self.version += 1
         self.energy = float(np.sum(np.abs(self.coefficients) ** 2))
 
     def rotation(self, frame_index: np.ndarray | int) -> np.ndarray | complex:

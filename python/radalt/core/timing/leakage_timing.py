@@ -28,7 +28,6 @@ class LeakageTiming:
         self._present = 0.6 * finder.settings.lock_threshold
         w = canceller.waveform
         self._rate, self._n = w.rate_hz, w.samples_per_frame
-        self._last: tuple | None = None
         # where the leakage's line peaks, which the echo of a landing gear moves: what timing is taken on
         self._place_samples = finder.delay_samples(canceller.background) or 0.0
 
@@ -100,16 +99,6 @@ class LeakageTiming:
         self, frame_index: int, sent: tuple[float, float] | None, offset_s: float
     ) -> tuple[np.ndarray, float]:
         """(N,) the leakage less what a return of the frame's altitude has in common with it, and its energy."""
-        known = self.canceller
-        key = known.version, sent, offset_s, frame_index if known.waveform.cycles_per_frame else 0
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._without_ground(frame_index, sent, offset_s)
-        return self._last[1]
-
-    def _without_ground(
-        self, frame_index: int, sent: tuple[float, float] | None, offset_s: float
-    ) -> tuple[np.ndarray, float]:
-        """See `_expected`, which remembers the last."""
         known = self.canceller
         expected = known.background * np.complex64(known.rotation(frame_index))
         if sent is None:

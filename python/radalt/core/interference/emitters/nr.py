@@ -13,7 +13,7 @@ import numpy as np
 from ...parsing import LARGEST, setting
 from ...waveform import read_only
 from ..evm import evm_title
-from ..nr_config import SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
+from ..nr_config import SUBCARRIER_SPACING_HZ, NrConfig
 from ..nr_grid import resource_grid, transmitted
 from ..receiver_filter import repeated, resample_periodic
 from ..transmission import Signal
@@ -31,11 +31,9 @@ HALF_SUBFRAME_SYMBOLS = 7
 def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
     """Normal cyclic prefix of the symbols of 0.5 ms in samples, clause 5.3.1: (7,) int, or (14,) of 30 kHz.
 
-    144 kappa T_c 2^-mu, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz. Raises ValueError
-    unless `fft_length` is a multiple of 128 (whole samples).
+    144 kappa T_c 2^-mu, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz. ``fft_length`` is a
+    multiple of 128 (whole samples).
     """
-    if fft_length < 128 or fft_length % 128:
-        raise ValueError(f"fft_length {fft_length} gives fractional cyclic prefixes; use a multiple of 128")
     step = round(spacing_hz / SUBCARRIER_SPACING_HZ)
     lengths = np.full(HALF_SUBFRAME_SYMBOLS * step, 144 * fft_length // 2048)
     lengths[0] += 16 * step * fft_length // 2048
@@ -52,12 +50,6 @@ def ofdm_modulate(
     |a_k|^2.
     """
     subcarriers, symbols = values.shape
-    if subcarriers > fft_length:
-        raise ValueError(
-            f"fft_length {fft_length} is below {subcarriers} subcarriers; use a longer transform"
-        )
-    if symbols % SYMBOLS_PER_SLOT:
-        raise ValueError(f"{symbols} symbols are no whole slots; give a multiple of {SYMBOLS_PER_SLOT}")
     spectrum = np.zeros((symbols, fft_length), dtype=np.complex128)
     half = subcarriers // 2
     spectrum[:, : subcarriers - half] = values[half:].T

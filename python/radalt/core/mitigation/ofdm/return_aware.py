@@ -7,9 +7,8 @@ import numpy as np
 from .arrays import median, spread
 from .cfo import residual_cfo
 from .equaliser import ElementGrid, equalise
-from .iterative_receiver import IterativeReceiver, KnownReturn, Reception, channel_power
+from .iterative_receiver import ITERATION_FFTS, IterativeReceiver, KnownReturn, Reception, channel_power
 from .numerology import Numerology
-from .prices import ITERATION_FFTS, costs
 from .reconstruction import blanked, modulate, sent_elements
 from .return_estimation import ReturnEstimator
 from .return_fit import MaskedPoints, ReturnFit
@@ -26,7 +25,6 @@ class ReturnAwareReceiver(IterativeReceiver):
         super().__init__(numerology, settings)
         self._returns = returns
 
-    @costs(1)
     def finish(
         self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None, *, tune: bool
     ) -> tuple[np.ndarray, Reception, ElementGrid]:
@@ -55,6 +53,7 @@ class ReturnAwareReceiver(IterativeReceiver):
             if shown is not None:
                 found = self._again(grid, free, found, shown)
                 out = self._subtracted(grid, free, found)
+        self.ffts += ITERATION_FFTS
         return blanked(out * grid.carrier.conj(), s), found, grid
 
     def _subtracted(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> np.ndarray:
@@ -101,9 +100,9 @@ class ReturnAwareReceiver(IterativeReceiver):
             return None, found
         return self._fitted(points, grid, found), found
 
-    @costs(3)
     def _fitted(self, points: MaskedPoints, grid: ElementGrid, found: Reception) -> KnownReturn | None:
         """The return that fits the masked elements best; None if it is certain in neither half sweep."""
+        self.ffts += 3 * ITERATION_FFTS
         fit = ReturnFit(
             points, grid, equalise(grid.ramp * found.phase, found.channel), self._returns, self._s
         )

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas
 
-from ...fir import cosine_window
+from ...fir import periodic_hann
 from ...waveform import read_only
 
 _LINE = 30.0  # times the median power of the bins around it; of 7,500 bins of noise the largest has 13
@@ -40,16 +40,10 @@ def without_tones(frame: np.ndarray) -> np.ndarray | None:
     return None
 
 
-@lru_cache(maxsize=4)
-def _window(count: int) -> np.ndarray:
-    """Hann window, (count,) float32, read-only."""
-    return read_only(cosine_window("hann", count, periodic=True).astype(np.float32))
-
-
 def _lines(frame: np.ndarray) -> np.ndarray:
     """(k,) cycles per frame of the lines that stand out of the spectrum around them."""
     count = frame.size
-    spectrum = fft.fft(frame * _window(count))
+    spectrum = fft.fft(frame * periodic_hann(count))
     with np.errstate(over="ignore"):  # power may overflow float32; such frames are left alone
         level = spectrum.real**2 + spectrum.imag**2
     if not level.max() > _PEAK * level.mean():

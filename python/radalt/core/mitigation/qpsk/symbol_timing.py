@@ -1,14 +1,13 @@
 """Symbol rate and timing of a linear modulation about which nothing is known."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy import fft
 
-from ...fir import cosine_window
+from ...fir import cosine_window, periodic_hann
 from ...spectral_line import peak_curve, peak_offset, upper_median
-from ...waveform import exp_cycles, read_only
+from ...waveform import exp_cycles
 from .settings import QpskSettings
 
 _PEAK_CURVE = peak_curve(cosine_window("hann", 256, periodic=True), 1 / 256)
@@ -21,12 +20,6 @@ class SymbolTiming:
     rate: float  # symbols per sample
     instant: float
     """Sample at which the line peaks, near the middle of the frame; symbols lie at a fixed distance from it."""
-
-
-@lru_cache(maxsize=4)
-def _window(count: int) -> np.ndarray:
-    """Periodic Hann window, (count,) float32, read-only."""
-    return read_only((0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)).astype(np.float32))
 
 
 def find_symbol_timing(frame: np.ndarray, s: QpskSettings) -> SymbolTiming | None:
@@ -72,7 +65,7 @@ def _neighbour_products(frame: np.ndarray) -> np.ndarray:
         out=real[1:],
     )
     real[1:] -= np.float32(abs(mean))
-    real *= _window(count)
+    real *= periodic_hann(count)
     return real
 
 
