@@ -43,11 +43,6 @@ def ten_lines(root, tmp_path_factory):
     return names
 
 
-@pytest.fixture
-def report(ten_lines):
-    return ten_lines["report"]
-
-
 def test_the_ten_lines_run(ten_lines):
     assert len(ten_lines["report"].break_points()) == 3
     assert np.mean(np.abs(ten_lines["result"]["altitude_m"] - ten_lines["truth_m"]) < 5) > 0.9
@@ -131,11 +126,11 @@ def test_simulated_frames_lie_on_the_sweep():
     assert np.mean(np.abs(jammed) ** 2) == pytest.approx(1000 + 1 + 0.1, rel=0.02)
 
 
-def test_a_function_is_a_method_for_as_long_as_it_is_asked_for(report):
+def test_a_function_is_a_method_for_as_long_as_it_is_asked_for(ten_lines):
     frames = np.ones((2, W.samples_per_frame), np.complex64)
     assert np.array_equal(radalt.method(halves, W).process(frames), frames / 2) and frames[0, 0] == 1
     assert "halves" not in METHODS
-    assert report.content["methods"]["my_function"]["model"] == "my_function()"
+    assert ten_lines["report"].content["methods"]["my_function"]["model"] == "my_function()"
 
 
 @pytest.mark.parametrize(
@@ -207,7 +202,8 @@ def short(frames, waveform):
     return frames[:, :3]
 
 
-def test_a_report_prints_and_converts(report):
+def test_a_report_prints_and_converts(ten_lines):
+    report = ten_lines["report"]
     rows = report.to_numpy()
     assert rows["method"].tolist() == ["none", "tcae", "my_function"] * 3 and rows["trials"].dtype == np.int64
     assert set(report.break_points().to_numpy()["method"]) == {"none", "tcae", "my_function"}

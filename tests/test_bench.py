@@ -239,19 +239,25 @@ def test_an_own_method_enters_and_rows_of_other_frames_are_refused(tmp_path, mon
         assert status == 2 and "rows of another list, or of other --frames" in said
 
 
-@pytest.mark.parametrize("emitter", [{"nr": {"evm": "typical", "free_running": True}}, {"qpsk": {}}])
-def test_every_method_gives_through_the_flowgraph_what_it_gives_here(tmp_path, emitter):
+def test_every_method_gives_through_the_flowgraph_what_it_gives_here(tmp_path):
     """To the bit, on a transmission that goes on and on frames drawn anew, with returns drawn per frame."""
     entries = dict.fromkeys(SHIPPED) | {"hann": {"method": "none", "altimeter": {"window": "hann"}}}
-    keys = {"extends": "standard", "seed": 5, "overlap": [1.0], "grid": {"sir_db": [-30.0]}}
-    keys |= {"entries": entries, "cases": {"one": {"interference": emitter}}}
+    keys = {
+        "extends": "standard",
+        "seed": 5,
+        "overlap": [1.0],
+        "grid": {"sir_db": [-30.0]},
+        "entries": entries,
+    }
+    emitters = {"goes on": {"nr": {"evm": "typical", "free_running": True}}, "anew": {"qpsk": {}}}
+    keys["cases"] = {name: {"interference": emitter} for name, emitter in emitters.items()}
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(keys))
     rows = []
     for via in ("direct", "flowgraph"):
         words = ["--frames", "6", "--jobs", "1", "--via", via, "--out", tmp_path / via]
         assert ended(command.main, tmp_path / "own.yaml", *words) == (0, "")
         rows.append([[row[k] for k in SAME] for row in read_rows(tmp_path / via / "rows.csv")])
-    assert rows[0] == rows[1] and len(rows[0]) == len(entries)
+    assert rows[0] == rows[1] and len(rows[0]) == 2 * len(entries)
 
 
 def test_what_is_ambiguous_is_wrong_nearly_as_often_as_right():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from frames import N, W
-from test_fading import band_limited as frames_of_band
+from test_effects import band_limited as frames_of_band
 
 from radalt import Waveform
 from radalt.core.channel.delay_line import MOST_BLOCKS, DelayLine

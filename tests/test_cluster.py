@@ -14,7 +14,7 @@ import ota_eval
 import pytest
 from hostile import draw_nothing, ended, measure_here
 from test_engine import Coins, rows_of
-from test_ota_eval import stable, start
+from test_ota_eval import stable
 from waiting import crowd, end_of, started, wait_for, written
 
 from radalt.core.parsing import InputError
@@ -74,10 +74,10 @@ def dask(tmp_path_factory, root):
         yield processes
 
 
-@pytest.fixture
-def mortal_dask(tmp_path, root):
-    """A scheduler with one worker, for tests that kill a part of it."""
-    with Processes(tmp_path, root) as processes:
+@pytest.fixture(scope="module")
+def mortal_dask(tmp_path_factory, root):
+    """A scheduler with one worker, for tests that kill a part of it; the last one kills the scheduler."""
+    with Processes(tmp_path_factory.mktemp("mortal"), root) as processes:
         processes.add_worker("--no-nanny")
         yield processes
 
@@ -209,12 +209,12 @@ def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(
     mortal_dask, sweep, tmp_path, measured_here, undrawn
 ):
     options, whole = sweep
-    process = start(*options, "--out", tmp_path / "run", "--scheduler", mortal_dask.file)
+    words = ("--sim", *options, "--out", tmp_path / "run")
+    process = started(sys.executable, ota_eval.__file__, *words, "--scheduler", mortal_dask.file)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
     mortal_dask.end(mortal_dask.scheduler)
     _, err = end_of(process)
     assert process.returncode == 2
     assert f"the scheduler at {mortal_dask.address} was lost" in err and err.count("\n") == 1
-    words = ("--sim", *options, "--out", tmp_path / "run", "--resume", "--jobs", 1)
-    assert ended(ota_eval.main, *words) == (0, "")
+    assert ended(ota_eval.main, *words, "--resume", "--jobs", 1) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)

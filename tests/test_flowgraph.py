@@ -26,8 +26,7 @@ from radalt.core.scene import load_scene, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.flowgraph.generate import Prepared, _platform, generate, grc_dirs, prepare
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
-from radalt.evaluation.flowgraph.run import load_class, run_point
-from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.flowgraph.run import load_class, run_point, run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))

@@ -36,15 +36,18 @@ pytestmark = [pytest.mark.timeout(3 * SECONDS)] * bool(SECONDS)
 ROOT = Path(__file__).resolve().parent.parent
 
 
-ALL = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
-
-
 def fuzz(check, examples: int, reached: tuple[str, ...], *strategies) -> None:
     """Run ``check``, which returns how it ended, on examples of the strategies, and tell how many there were; both ends
     have to be reached, or the target is too tame or too wild."""
     ends: Counter = Counter()
 
-    @settings(max_examples=examples, derandomize=not SECONDS, **ALL)
+    @settings(
+        max_examples=examples,
+        derandomize=not SECONDS,
+        deadline=None,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
     @given(st.tuples(*strategies))
     def once(values):
         ends[check(*values)] += 1

@@ -33,8 +33,7 @@ from radalt.core.scene import SceneError, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
 from radalt.evaluation.flowgraph.generate import Prepared, generate
 from radalt.evaluation.flowgraph.rewrite import load_grc
-from radalt.evaluation.flowgraph.run import load_class
-from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.flowgraph.run import load_class, run_to_end
 from radalt.evaluation.radios import setup
 from radalt.evaluation.radios.bring_up import bring_up
 from radalt.evaluation.radios.hardware import calibrate, run_hardware

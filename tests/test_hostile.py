@@ -130,7 +130,7 @@ COMMANDS = {
     screenshot: "--sir-db --overlap --frames --time-limit-s",
     make_landing_data: "--glide-deg --start-height-m --speed-m-per-s --step-s --level",
     make_recording: "--antennas --load --snr-db --seed",
-    control_client: "--altitude --seconds --count",
+    control_client: "--altitude --count",
 }
 # an altitude that only the server can refuse, and a count of lines to print: both are right for the client
 ALLOWED = {(control_client, option, "1" * 20) for option in ("--altitude", "--count")}
@@ -167,8 +167,7 @@ OTHERS = {
     make_recording: ("--out=/dev/null/x.sigmf-meta", "--out=x.bin"),
     make_flowgraphs: ("--nonsense",),
     control_client: (
-        "descend --altitudes abc", "descend --altitudes nan", "get --control nonsense",
-        "get --control tcp://127.0.0.1:1",
+        "get --control nonsense", "get --control tcp://127.0.0.1:1", "descend", "watch --count=-1",
     ),
 }  # fmt: skip
 

@@ -1,5 +1,7 @@
 """Hybrid: which method a frame goes to, what searches may cost, and that no choice makes a frame worse."""
 
+import functools
+
 import numpy as np
 import pytest
 from frames import W, returns, right
@@ -16,23 +18,21 @@ N, RATE_HZ = W.samples_per_frame, W.rate_hz
 NR10 = NrEmitter(channel_bandwidth_hz=10e6, seed=3, frame_count=2)
 
 
-def independent(emitters, sir_db, count, seed, overlap=1.0):
-    """Altitudes and frames, each with interference that is drawn anew."""
+def stream(emitters, sir_db, count, seed, overlap=1.0, *, anew=False):
+    """Altitudes and frames of emitters that send on from frame to frame, or are drawn ``anew`` in each."""
     altitude_m, frames = returns(np.random.default_rng(seed), count)
     parts = [Interferer(emitter, 0.0, overlap) for emitter in emitters]
-    rng = np.random.default_rng(seed + 1)
-    frames += interference_frames(parts, count, N, RATE_HZ, rng, total_sir_db=sir_db)
+    if anew:
+        rng = np.random.default_rng(seed + 1)
+        frames += interference_frames(parts, count, N, RATE_HZ, rng, total_sir_db=sir_db)
+    else:
+        jam = JammerStream(W, parts, seed=seed, free_running=overlap == 1.0, total_sir_db=sir_db)
+        jam.next_frame()
+        frames += np.stack([jam.next_frame() for _ in range(count)])
     return altitude_m, frames.astype(np.complex64)
 
 
-def stream(emitters, sir_db, count, seed, overlap=1.0):
-    """Altitudes and frames of emitters that send on from frame to frame."""
-    altitude_m, frames = returns(np.random.default_rng(seed), count)
-    parts = [Interferer(emitter, 0.0, overlap) for emitter in emitters]
-    jam = JammerStream(W, parts, seed=seed, free_running=overlap == 1.0, total_sir_db=sir_db)
-    jam.next_frame()
-    frames += np.stack([jam.next_frame() for _ in range(count)])
-    return altitude_m, frames.astype(np.complex64)
+independent = functools.partial(stream, anew=True)
 
 
 def test_a_frame_without_interference_passes_bit_for_bit():

@@ -22,8 +22,8 @@ from radalt.evaluation.results.score import accuracy_limit_m
 from radalt.evaluation.simulation import segmented
 from radalt.studies.landing import command as landing_command
 from radalt.studies.landing import config as landing
-from radalt.studies.landing import points as landing_points
 from radalt.studies.landing import report as landing_report
+from radalt.studies.landing import study as landing_study
 from radalt.studies.landing.assumptions import ASSUMPTIONS
 from radalt.studies.landing.study import LandingStudy
 
@@ -158,9 +158,9 @@ def test_accuracy_bands_in_feet():
 def test_frames_have_the_sir_and_sinr_they_state(root):
     config = _config(root, snr_db=12.0)
     samples = config.waveform.samples_per_frame
-    silent = landing_points.Truth(np.zeros((40, 1, samples), np.complex64), *[np.full(40, 12.0)] * 5)
+    silent = landing_study.Truth(np.zeros((40, 1, samples), np.complex64), *[np.full(40, 12.0)] * 5)
     rng = np.random.default_rng(0)
-    frames, sir, sinr = landing_points.impaired(config, silent, rng, overlap=0.4, sir_db=-15.0)
+    frames, sir, sinr = landing_study.impaired(config, silent, rng, overlap=0.4, sir_db=-15.0)
     power = np.mean(np.abs(frames) ** 2)
     assert 10 * np.log10(power) == pytest.approx(-sinr[0], abs=0.02)
     assert sir == pytest.approx(-15.0)
@@ -171,11 +171,11 @@ def test_frames_have_the_sir_and_sinr_they_state(root):
 def test_doppler_cancels_in_altitude_and_shows_as_vertical_speed(root):
     """A point descending at 3.8 m/s: same altitude as at rest, right vertical speed."""
     config = _config(root, snr_db=30.0, point_target=True, altimeter=AltimeterSettings())
-    truth = landing_points.approach_frames(replace(config, approach=landing.ApproachSpec(12)), 0, 12)
-    results, _ = landing_points.altitudes(config, truth.frames, "none")
+    truth = landing_study.approach_frames(replace(config, approach=landing.ApproachSpec(12)), 0, 12)
+    results, _ = landing_study.altitudes(config, truth.frames, "none")
     still = replace(config, doppler=False)
-    flat = landing_points.approach_frames(replace(still, approach=landing.ApproachSpec(12)), 0, 12)
-    at_rest, _ = landing_points.altitudes(still, flat.frames, "none")
+    flat = landing_study.approach_frames(replace(still, approach=landing.ApproachSpec(12)), 0, 12)
+    at_rest, _ = landing_study.altitudes(still, flat.frames, "none")
     assert results["valid"].all()
     assert results["altitude_m"] == pytest.approx(at_rest["altitude_m"], abs=0.5)
     # the flare apart, where the altitude is below a range cell, vertical speed follows the trajectory
@@ -188,9 +188,9 @@ def test_extended_ground_costs_metres_and_averaging_wins_them_back(root):
     rms = {}
     for name, changes in {"point": {"point_target": True}, "ground": {}, "looks": {"looks": 8}}.items():
         config = _config(root, **changes)
-        truth = landing_points.trial_frames(config, 24)
-        frames, _, _ = landing_points.impaired(config, truth, np.random.default_rng(1))
-        results, _ = landing_points.altitudes(config, frames, "none")
+        truth = landing_study.trial_frames(config, 24)
+        frames, _, _ = landing_study.impaired(config, truth, np.random.default_rng(1))
+        results, _ = landing_study.altitudes(config, frames, "none")
         assert results["valid"].all()
         rms[name] = np.sqrt(np.mean((results["altitude_m"] - truth.height_m) ** 2))
     # 24 frames of speckle: the ratio itself scatters by some tenth around 0.7
@@ -199,7 +199,7 @@ def test_extended_ground_costs_metres_and_averaging_wins_them_back(root):
 
 def test_every_assumption_changes_one_thing(root):
     config = _config(root, sensitivity_trials=2, approach=landing.ApproachSpec(0))
-    points = landing_points.study_points(config)
+    points = LandingStudy(config).points()
     assert [p.assumption for p in points] == [a.name for a in ASSUMPTIONS]
     assert len({a.name for a in ASSUMPTIONS}) == len(ASSUMPTIONS)
     rows = [row for p in points[:3] + points[-3:] for row in LandingStudy(config).measure(p)]

@@ -23,7 +23,7 @@ from radalt.core.scene import parse_scene
 from radalt.core.scene.live import RangeProfile, by_hand
 from radalt.evaluation.flowgraph.live import StatusLine
 from radalt.evaluation.flowgraph.rewrite import load_grc
-from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.flowgraph.run import run_to_end
 
 SHIPPED_METHODS = frozenset(METHODS)  # before any test registers one of its own
 ROOT = Path(__file__).resolve().parent.parent
@@ -98,7 +98,7 @@ def test_every_shipped_scene_can_be_driven_by_hand(path):
 
 
 def test_method_is_exchanged_between_frames(monkeypatch):
-    monkeypatch.setattr("radalt.blocks._mitigation.read_quality", lambda block, count: None)  # no tags
+    monkeypatch.setattr("radalt.blocks.mitigation.read_quality", lambda block, count: None)  # no tags
     scene = load_scene("paper_qpsk")
     frames = (point_return(W, [300.0] * 4) + 2.0 * white(np.random.default_rng(1), 4)).astype(np.complex64)
     block = radalt.mitigation(scene, "whitening")

@@ -19,8 +19,7 @@ from radalt.core.mitigation import MitigationError, create
 from radalt.core.returns.point import point_return
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare, save_as_companion
 from radalt.evaluation.flowgraph.rewrite import load_grc
-from radalt.evaluation.flowgraph.run import load_class, run_point
-from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.flowgraph.run import load_class, run_point, run_to_end
 from radalt.evaluation.overlap.study import OverlapStudy
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -13,7 +13,7 @@ from waiting import patient
 
 from radalt import load_scene
 from radalt.core.mitigation import MitigationError, OwnProcess, create
-from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.flowgraph.run import run_to_end
 
 
 def received(count, seed=1):

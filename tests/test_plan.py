@@ -14,14 +14,13 @@ from radalt.evaluation.flowgraph.plan import make_plan
 from radalt.evaluation.flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, load_grc, prune
 from radalt.studies.leaving_out import study as leaving_out
 from radalt.studies.leaving_out.report import summarise
-from radalt.studies.leaving_out.scenes import CHECKED
 
 
 def scene(**data):
     return parse_scene({"altitude": {"programme_m": [300.0, 20.0], "frames": 3}, **data})
 
 
-@pytest.mark.parametrize("name", ["QPSK, whitening", *CHECKED])
+@pytest.mark.parametrize("name", ["QPSK, whitening", *leaving_out.CHECKED])
 def test_left_out_parts_change_no_bit_of_the_results(name):
     """Against the flowgraph with every method's chain and, where nothing interferes, a jammer that sends nothing."""
     pruned, full = (leaving_out.run_once(name, 2, built) for built in ("pruned", "all"))

@@ -2,9 +2,8 @@
 
 import pytest
 
-from radalt.evaluation.engine.command import main
+from radalt.evaluation.engine.command import main, publish
 from radalt.evaluation.engine.options import Options, Parser, add_options, command_of, options_of
-from radalt.evaluation.engine.publish import publish
 from radalt.evaluation.engine.study import Study
 
 

@@ -15,8 +15,7 @@ from waiting import patient, wait_for
 
 from radalt import load_scene
 from radalt.core.mitigation import create
-from radalt.studies.realtime.outside import OutsideWatch
-from radalt.studies.realtime.study import at_rate, fly_benchmark, long_scene, prepare_benchmark
+from radalt.studies.realtime.study import OutsideWatch, at_rate, fly_benchmark, long_scene, prepare_benchmark
 
 PLAIN = {"batch": 1, "skip_clean": False, "own_process": False}
 

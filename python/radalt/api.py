@@ -25,7 +25,7 @@ from .core.channel.settings import DropSettings
 from .core.interrupts import stops_in_one_line
 from .core.mitigation import CUSTOM, METHODS, Mitigation, MitigationError, create
 from .core.mitigation.function import MethodLike, as_methods
-from .core.parsing import convert, did_you_mean, shown
+from .core.parsing import convert, did_you_mean, plain_json, shown
 from .core.paths import scene_names
 from .core.scene import Scene, SceneError, load_scene, parse_scene, scene_from_parameters
 from .core.usual_errors import usual_errors
@@ -271,7 +271,7 @@ def evaluate(
     from .evaluation.overlap.points import changed
     from .evaluation.overlap.report import build_report
     from .evaluation.overlap.study import OverlapStudy, describe_rows
-    from .evaluation.results.folder import FolderError, plain_json
+    from .evaluation.results.folder import FolderError
 
     chosen = _scene(scene)
     if methods is not None and (isinstance(methods, str) or not isinstance(methods, Iterable)):

@@ -11,7 +11,7 @@ from ..evaluation.results.rows import unbits
 from ..evaluation.results.score import pool
 from ..evaluation.results.table import table
 from .paired import curves, held, paired
-from .rows import Row, read_rows
+from .rows import Row
 
 _UNLIKE = 0.01  # largest share of frames that ``none`` may judge unlike the stored rows: last bits of other machines
 _LIVE_FFTS = 40.0  # cost that keeps up with frames of 1 ms: method and altimeter, two cores, FFT of 40 us
@@ -95,10 +95,3 @@ def verdict(mine: Sequence[Row], stored: Sequence[Row], name: str) -> str:
 
 def _interval(gain: tuple[float, float, float]) -> str:
     return f"{gain[0]:+.1f} ({gain[1]:+.1f} to {gain[2]:+.1f})"
-
-
-def compare(mine: Path, against: Path, name: str) -> str:
-    """`verdict` of a run's rows against stored ones, after `check_rows`."""
-    own, stored = read_rows(mine), read_rows(against)
-    check_rows(own, stored)
-    return verdict(own, stored, name)

@@ -134,15 +134,14 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
 
 def _after(folder: Path, args: argparse.Namespace, study: Any) -> None:
     """The verdict on each of the user's entries."""
-    from .board import compare, verdict
+    from .board import check_rows, verdict
     from .rows import read_rows
 
     for name in args.own:
-        if args.confirm:
-            rows = read_rows(folder / "rows.csv")
-            print(f"\n{verdict(rows, [row for row in rows if row['entry'] != name], name)}")
-        else:
-            print(f"\n{compare(folder / 'rows.csv', args.against, name)}")
+        rows = read_rows(folder / "rows.csv")
+        stored = [r for r in rows if r["entry"] != name] if args.confirm else read_rows(args.against)
+        check_rows(rows, stored)
+        print(f"\n{verdict(rows, stored, name)}")
 
 
 SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, time_limit_s=3600.0)

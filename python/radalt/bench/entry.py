@@ -39,7 +39,7 @@ class Entry:
 
     @classmethod
     def of(cls, name: str, keys: Mapping[str, Any], where: str) -> "Entry":
-        """An entry of a list; a model is a file, or the name of a shipped one. Raises InputError, one line."""
+        """An entry of a list; a model is a file, or the name of a shipped one. Raises ValueError, one line."""
         unknown = [key for key in keys if key not in _KEYS]
         if unknown:
             raise InputError(f"{where}.{name}: unknown key {shown(unknown[0])}; allowed: {', '.join(_KEYS)}")
@@ -52,10 +52,7 @@ class Entry:
         if wrong:
             raise InputError(f"{where}.{name}.{wrong[0]} is {shown(keys[wrong[0]])}; give a mapping of keys")
         options, altimeter = (dict(keys.get(key) or {}) for key in ("options", "altimeter"))
-        try:
-            build(AltimeterSettings, altimeter, f"{where}.{name}.altimeter")
-        except ValueError as error:
-            raise InputError(str(error)) from None
+        build(AltimeterSettings, altimeter, f"{where}.{name}.altimeter")
         model = options.get("model")
         if model is not None and not Path(model).is_file():
             options["model"] = str(model_path(str(model)))

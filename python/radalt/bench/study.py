@@ -68,7 +68,6 @@ class BenchStudy(Study):
         return points
 
     def measure(self, point: Point) -> list[dict[str, Any]]:
-        """See `Study.measure`."""
         assert isinstance(point, BenchPoint)
         for entry in self.entries:
             entry.register()
@@ -115,13 +114,10 @@ class BenchStudy(Study):
         return {"list": Path(self.path)} | option_files({e.name: dict(e.options) for e in self.entries})
 
     def with_files(self, files: Mapping[str, Path]) -> "BenchStudy":
-        """See `Study.with_files`."""
-        own = {name: path for name, path in files.items() if name != "list"}
-        options = with_option_files({e.name: dict(e.options) for e in self.entries}, own)
+        options = with_option_files({e.name: dict(e.options) for e in self.entries}, files)
         entries = tuple(replace(e, options=tuple(options[e.name].items())) for e in self.entries)
         return replace(self, path=files["list"], entries=entries)
 
     @property
     def needs_network(self) -> bool:
-        """See `Study.needs_network`."""
         return any(method_class(e.method).runs_network for e in self.entries if e.method in METHODS)

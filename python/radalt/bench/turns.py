@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..core.scene import parse_scene
-from ..evaluation.engine.apart import call_apart
-from ..evaluation.engine.task import peak_memory_bytes
+from ..evaluation.engine.pool import call_apart
+from ..evaluation.engine.study import peak_memory_bytes
 from ..evaluation.results.rows import Columns
 from .entry import Entry, costs
 from .frames import Frames

@@ -12,8 +12,7 @@ from ..core.radio.endpoint import check_endpoint
 from ..core.scene import Scene
 from ._frames import quality_of, read_frame_tags
 from ._guard import guarded
-from ._results import Ring, json_text, result_fields
-from ._zmq import BoundSocket
+from ._results import BoundSocket, Ring, json_text, result_fields
 
 MESSAGE_VERSION = 1  # field ``version`` of the messages
 # Fewest altitudes among a second's frames before a line in the log: false alarms alone give one in a hundred.

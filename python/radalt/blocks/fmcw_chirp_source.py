@@ -45,11 +45,10 @@ class fmcw_chirp_source(gr.sync_block):
         self._searched_m = scene.altimeter_settings.max_altitude_m
         self._shifting = self._sweeps.synthetic
         self._n = scene.waveform.samples_per_frame
-        self._limit = int(frames) * self._n
-        self._position = 0
+        self._limit = int(frames)
+        self._index = 0  # of the next sweep
         self._tagged_m: float | None = None
         self.set_altitude(altitude_m)
-        self._frame = self._sweeps.sweep(0)
         gather_frames(self, self._n)
 
     def set_altitude(self, altitude_m: float | None) -> None:
@@ -98,21 +97,15 @@ class fmcw_chirp_source(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Copy sweeps into the output."""
-        out = output_items[0]
+        """Copy sweeps into the output; `gather_frames` guarantees room for at least one."""
+        out, first = output_items[0], self.nitems_written(0)
+        frames = out.size // self._n
         if self._limit:
-            left = self._limit - self._position
-            if left <= 0:
+            frames = min(frames, self._limit - self._index)
+            if not frames:
                 return WORK_DONE
-            out = out[:left]
-        done = 0
-        while done < out.size:
-            index, at = divmod(self._position, self._n)
-            if at == 0:
-                self._tag_altitude(index, self.nitems_written(0) + done)
-                self._frame = self._sweeps.sweep(index)
-            count = min(self._n - at, out.size - done)
-            out[done : done + count] = self._frame[at : at + count]
-            done += count
-            self._position += count
-        return done
+        for k, sweep in enumerate(out[: frames * self._n].reshape(frames, self._n)):
+            self._tag_altitude(self._index, first + k * self._n)
+            sweep[:] = self._sweeps.sweep(self._index)
+            self._index += 1
+        return frames * self._n

@@ -1,5 +1,7 @@
-"""IQ recorder: received samples into a SigMF recording."""
+"""IQ recorder: received samples into a SigMF recording, so that a slow disk never delays a radio."""
 
+import queue
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,50 @@ from ..core.radio.recording import Stretch, write_metadata
 from ..core.scene import Scene
 from ._frames import RX_TIME_KEY, TagError, say_once, time_counter
 from ._guard import guarded
-from ._writer import BoundedWriter
+
+_CHUNKS = 256  # length of the queue, chunks; a chunk is what one call of a block receives
+
+
+class _Writer:
+    """Writes complex64 chunks in a separate thread.
+
+    ``wait``: whether `offer` blocks while the queue is full (simulation) or refuses the chunk (radio).
+    """
+
+    def __init__(self, path: Path, *, wait: bool = False) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("wb")
+        self._queue: queue.Queue[np.ndarray | None] = queue.Queue(_CHUNKS)
+        self._wait = wait
+        self.error: OSError | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def offer(self, samples: np.ndarray) -> bool:
+        """Copy a chunk into the queue; False where it was refused."""
+        if self.error is not None:
+            raise self.error
+        try:
+            self._queue.put(samples.copy(), block=self._wait)
+        except queue.Full:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Write the queue and close the file; raises the writer's error."""
+        self._queue.put(None)
+        self._thread.join()
+        self._file.close()
+        if self.error is not None:
+            raise self.error
+
+    def _run(self) -> None:
+        while (samples := self._queue.get()) is not None:
+            if self.error is None:
+                try:
+                    self._file.write(samples.view(np.uint8).data)
+                except OSError as error:  # a full disk: `close` raises it; the queue is still emptied
+                    self.error = error
 
 
 class iq_recorder(gr.sync_block):
@@ -38,7 +83,7 @@ class iq_recorder(gr.sync_block):
         self._rate = scene.waveform.rate_hz
         base = Path(file)
         self._data = base.with_name(base.name.removesuffix(".sigmf-meta") + ".sigmf-data")
-        self._writer: BoundedWriter | None = BoundedWriter(self._data, wait=not drop_when_slow)
+        self._writer: _Writer | None = _Writer(self._data, wait=not drop_when_slow)
         self._stretches: list[Stretch] = []
         self._start_counter = 0
         self._counter = 0  # sample counter of the next sample

@@ -11,8 +11,7 @@ import numpy as np
 from ..core.radio.control import CONTROL_VERSION, MAX_REQUEST_BYTES, Request, RequestError, parse_request
 from ..core.radio.endpoint import check_endpoint
 from ..core.scene import Scene, burst_db
-from ._results import json_text, result_fields
-from ._zmq import BoundSocket
+from ._results import BoundSocket, json_text, result_fields
 from .transmit_gate import gates_of
 
 _POLL_MS = 20  # time between polls of both threads, ms: fifty beats within the gates' limit of 1 s
@@ -292,6 +291,7 @@ class remote_control:
         """Altitude, jammer, active methods, lock and counters."""
         altimeters = self._altimeters()
         source = getattr(self._top, "chirp_source", None)
+        why = [gate.why_closed for gate in gates_of(self._top)]
         return {
             "altitude_m": None if source is None else source.manual_altitude_m,
             **self._jammer_state(),
@@ -302,13 +302,8 @@ class remote_control:
             "published": self.published,
             "requests": self.requests,
             "errors": self.errors,
-            "transmit": self._transmit_state(),
+            "transmit": next((w for w in why if w), "on") if why else "none",  # without gates
         }
-
-    def _transmit_state(self) -> str:
-        """State of the transmit gates: ``none`` without gates."""
-        why = [gate.why_closed for gate in gates_of(self._top)]
-        return next((w for w in why if w), "on") if why else "none"
 
 
 def _reply(*, state: dict[str, Any] | None = None, error: str = "") -> str:

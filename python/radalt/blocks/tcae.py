@@ -2,7 +2,7 @@
 
 from ..core.scene import Scene
 from ..core.scene.build import method_of
-from ._mitigation import MitigationBlock
+from .mitigation import MitigationBlock
 
 
 class tcae(MitigationBlock):

@@ -18,13 +18,7 @@ _CHANGES = 1000
 
 @dataclass(frozen=True)
 class Programme:
-    """Altitude steps framed by synchronisation frames.
-
-    Parameters
-    ----------
-    speeds_m_per_s, phases_cycles : tuple of float
-        Range rate and carrier phase of each altitude, where returns are drawn; empty where they are not.
-    """
+    """Altitude steps framed by synchronisation frames."""
 
     altitudes_m: tuple[float, ...] = (200.0,)
     """Altitudes in the order they are flown."""
@@ -39,7 +33,9 @@ class Programme:
     vertical_speed_m_per_s: float = 0.0
     """Range rate during trials; for true delays only (a beat shift has no Doppler)."""
     speeds_m_per_s: tuple[float, ...] = ()
+    """Range rate of each altitude, where returns are drawn; empty where they are not."""
     phases_cycles: tuple[float, ...] = ()
+    """Carrier phase of each, likewise."""
     hold_last: bool = False
     """True repeats the last altitude without end; False returns to altitude zero, without trials."""
 
@@ -161,10 +157,6 @@ class SentAltitudes:
     """Altitude of every transmitted sweep: the programme's, or one of the last thousand set by hand after the preamble.
 
     One thread may `set` while another reads.
-
-    Parameters
-    ----------
-    programme : Programme
 
     Examples
     --------

@@ -12,10 +12,10 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 from ..core.paths import share_dir
 
@@ -29,17 +29,11 @@ _MOVED = {
 }
 
 
-@dataclass(frozen=True)
-class Program:
+class Program(NamedTuple):
     """A command."""
 
     script: str  # entry in ``flowgraphs/``
     file: Path  # file of the module
-
-    @property
-    def module(self) -> str:
-        """Module name below the package."""
-        return ".".join(self.file.relative_to(_PACKAGE).with_suffix("").parts)
 
 
 @lru_cache(maxsize=1)
@@ -58,7 +52,8 @@ def load(name: str) -> ModuleType:
     """Module of a sub-command; sets ``sys.argv[0]`` to ``radalt WORD``, as shown in its help text."""
     sys.argv[0] = f"radalt {name}"
     importlib.import_module(".startup", __package__)  # before NumPy
-    program = importlib.import_module(f"..{programs()[name].module}", __package__)
+    module = ".".join(programs()[name].file.relative_to(_PACKAGE).with_suffix("").parts)
+    program = importlib.import_module(f"..{module}", __package__)
     text = program.__doc__ or ""
     for other, found in programs().items():
         text = text.replace(f".venv/bin/python flowgraphs/{found.script}.py", f"radalt {other}")

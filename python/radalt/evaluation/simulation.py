@@ -3,7 +3,6 @@
 The flowgraph's blocks are adapters over these objects (`core.scene.build`), so both give equal rows for one seed.
 """
 
-import contextlib
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..core.altimeter.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
 from ..core.altimeter.frame_quality import FrameQuality
@@ -182,7 +182,8 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
     highest_m = scene.altimeter_settings.max_altitude_m
     assert highest_m is not None  # a scene resolves an open span
     examine = FrameQuality(scene.waveform, highest_m)
-    with _one_blas_thread():
+    # as in the flowgraph: the rounding of BLAS depends on the number of its threads
+    with threadpool_limits(1, user_api="blas"):
         for frames in segmented(scene, segmenter):
             if not frames:
                 continue
@@ -200,12 +201,3 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
         segmenter=segmenter.status(),
         real_time_factor=signal_s / (time.perf_counter() - begin),
     )
-
-
-def _one_blas_thread() -> contextlib.AbstractContextManager[Any]:
-    """Limit BLAS to one thread, as in the flowgraph: its rounding depends on the number of threads."""
-    try:
-        from threadpoolctl import threadpool_limits
-    except ImportError:
-        return contextlib.nullcontext()
-    return threadpool_limits(1, user_api="blas")

@@ -39,7 +39,7 @@ def transmit(name: str, seconds: float, seed: int) -> np.ndarray:
     """(n,) complex128 of ``seconds`` of a transmitter of `TRANSMITTERS` at its rate, mean power 1."""
     from gnuradio import blocks, gr
 
-    from .flowgraph.watch import run_to_end
+    from .flowgraph.run import run_to_end
 
     one = TRANSMITTERS[name]
     made_hz = one.made_at_hz or Fraction(one.rate_hz)

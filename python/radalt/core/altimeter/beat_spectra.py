@@ -38,14 +38,7 @@ _ROOM = 0.5
 
 @dataclass(frozen=True)
 class Spectra:
-    """Beat spectra of a batch of frames.
-
-    Attributes
-    ----------
-    frames, cells : (n, N), (n, 2, J) complex64 or None
-        What they are of, for `BeatSpectra.beyond`, and their roots of power with phase; None of spectra that are no
-        single frame's.
-    """
+    """Beat spectra of a batch of frames."""
 
     power: np.ndarray
     """(n, 2, J) float32: power by half sweep (of a triangle 0 up, 1 down) and cell, of frames divided by
@@ -57,21 +50,16 @@ class Spectra:
     scale: np.ndarray
     """(n,) float32: largest rail of the decimated beats, by which each frame was divided; 0 or not finite where it is
     unusable."""
-    frames: np.ndarray | None = None
-    cells: np.ndarray | None = None
+    frames: np.ndarray | None = (
+        None  # (n, N) complex64: what they are of; None of spectra that are no single frame's
+    )
+    cells: np.ndarray | None = None  # (n, 2, J) complex64 or None, likewise: roots of power with phase
     quality: np.ndarray | None = None
     """(n,) of `QUALITY_DTYPE` or None: of the received frames, where that is known."""
 
 
 class BeatSpectra:
-    """Tables for one sweep, span of altitudes and limit of speed, made once.
-
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : AltimeterSettings
-        Resolved for this sweep.
-    """
+    """Tables for one sweep, span of altitudes and limit of speed, made once; ``settings`` are resolved for it."""
 
     def __init__(self, waveform: Waveform, settings: AltimeterSettings) -> None:
         self.waveform = waveform

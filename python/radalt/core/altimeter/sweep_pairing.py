@@ -229,18 +229,12 @@ class PairSearch:
     def _likely(
         self, fine: np.ndarray, noise: np.ndarray, at: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Likelihood of the altitude of the pairs found, among all pairs.
+        """Likelihood of the altitude of the pairs found, at points ``at`` (n, 2) of `_finer`, among all pairs.
 
         A tone of unknown phase in noise has the likelihood ``exp(P / noise)`` in a cell of power ``P``. Those of the
         two half sweeps multiply, and every altitude and every allowed speed is as likely as any other beforehand.
-
-        - ``fine`` (n, 2, points) float32: powers, see `_finer`
-        - ``noise`` (n, 2) float32
-        - ``at`` (n, 2) int: points of the pairs found
-
-        Returns ``mass`` (n,) float: share of the likelihood within ``near`` of the mean altitude; ``mean`` (n, 2)
-        float: points of the mean of all pairs within twice ``near`` of the one found; ``spread`` (n,) float: standard
-        deviation of the difference of their points.
+        ``mass`` (n,): share of the likelihood within ``near`` of the mean altitude; ``mean`` (n, 2): points of the mean
+        of all pairs within twice ``near`` of the one found; ``spread`` (n,): standard deviation of their difference.
         """
         near, apart, off, inner, room = self._pairs_around
         count, frames = fine.shape[-1], np.arange(len(fine))[:, None, None]

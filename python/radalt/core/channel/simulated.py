@@ -20,20 +20,12 @@ class SimulatedChannel:
 
     A drawn latency lies within 80..N-2 samples, so that the interpolation kernel stays causal.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    settings : ChannelSettings
-    seed : int
-        Seed of everything random.
-    true_delay : Programme or None
-        Altitudes simulated as true delays with Doppler and carrier phase; None where the source shifts the beat.
-    terrain : TerrainPlayer or None
-        Terrain return, in place of the transmitted sweep.
-    frames : int
-        Length of the run in frames; gaps are spread over it.
-    auxiliary : AuxiliaryReceiver or None
-        The second receive channel.
+    - ``seed``: of everything random
+    - ``true_delay``: altitudes simulated as true delays with Doppler and carrier phase; None where the source shifts
+      the beat
+    - ``terrain``: terrain return, in place of the transmitted sweep
+    - ``frames``: length of the run; gaps are spread over it
+    - ``auxiliary``: the second receive channel
     """
 
     MIN_LATENCY = 80

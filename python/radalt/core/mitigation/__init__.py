@@ -71,10 +71,7 @@ for _method in (
 def method_class(name: str) -> type[Mitigation]:
     """The class of a method by its registry name, `CUSTOM` included.
 
-    Raises
-    ------
-    MitigationError
-        For an unknown name; names those that are known.
+    Raises `MitigationError` for an unknown name; names those that are known.
     """
     if name == CUSTOM:
         return Custom
@@ -98,10 +95,7 @@ def name_method(name: str, kind: str) -> None:
 
     A scene does so where ``method_options`` of a name say ``method: tcae`` or ``method: custom``.
 
-    Raises
-    ------
-    MitigationError
-        If the name is a shipped method's, or none that a block can have.
+    Raises `MitigationError` if the name is a shipped method's, or none that a block can have.
     """
     if kind not in (Tcae.name, CUSTOM):
         raise MitigationError(
@@ -132,28 +126,16 @@ def create(
 ) -> Mitigation:
     """A fresh method by its registry name; ``"custom"`` with ``file=`` is one of your own (`Custom`).
 
-    Parameters
-    ----------
-    name : str
-    waveform : Waveform
-    own_process : bool
-        Compute in a process of its own, ``batch`` frames at a time (`OwnProcess`). Without effect where this process
-        may use one core only, since the two would only take turns.
-    batch : int
-    max_altitude_m : float or None
-        Highest altitude that the altimeter searches; None takes the altimeter's default. It is the default of
-        ``span_m``, where the method has one. A frame with ground beyond it passes unchanged (`BeyondSpan`).
-    drop_when_slow : bool
-        Whether the frame segmenter drops frames where the method is too slow, for methods that then do less.
-    independent : bool
-        Whether frames have nothing to do with each other (`Mitigation.independent`).
-    **parameters
-        Of the method.
+    - ``own_process``: compute in a process of its own, ``batch`` frames at a time (`OwnProcess`). Without effect where
+      this process may use one core only, since the two would only take turns
+    - ``max_altitude_m``: highest altitude that the altimeter searches; None takes the altimeter's default. It is the
+      default of ``span_m``, where the method has one. A frame with ground beyond it passes unchanged (`BeyondSpan`)
+    - ``drop_when_slow``: whether the frame segmenter drops frames where the method is too slow, for methods that then
+      do less
+    - ``independent``: whether frames have nothing to do with each other (`Mitigation.independent`)
+    - ``**parameters``: of the method
 
-    Raises
-    ------
-    MitigationError
-        For an unknown name or parameter; names what is allowed.
+    Raises `MitigationError` for an unknown name or parameter; names what is allowed.
     """
     if "method" in parameters:
         name_method(name, parameters["method"])

@@ -181,10 +181,7 @@ METHODS: dict[str, type[Mitigation]] = {}  # by name, those of the package first
 def register(cls: _Class) -> _Class:
     """Class decorator: makes the method known by its ``name``.
 
-    Raises
-    ------
-    MitigationError
-        If the name is no identifier, or another class has it.
+    Raises `MitigationError` if the name is no identifier, or another class has it.
     """
     if not cls.name.isidentifier():
         raise MitigationError(f"{cls.__name__}.name is {cls.name!r}; give it letters, digits and underscores")

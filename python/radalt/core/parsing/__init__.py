@@ -7,6 +7,6 @@
 """
 
 from .files import check_file, load_yaml, read_bytes, read_csv, read_text, write_yaml
-from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
+from .mappings import LARGEST, arguments, build, convert, plain, plain_json, quantity, whole
 from .messages import MINUS, InputError, allowed, check_range, did_you_mean, shown
 from .settings import Settings, setting

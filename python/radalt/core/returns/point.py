@@ -14,26 +14,16 @@ def point_return(
     frame_index: np.ndarray | int = 0,
     dtype: type = np.complex64,
 ) -> np.ndarray:
-    """Unit-amplitude return ``s(t - tau(t)) exp(-j 2 pi f_c tau(t))`` with ``tau(t) = 2 R(t) / c``.
+    """Unit-amplitude return ``s(t - tau(t)) exp(-j 2 pi f_c tau(t))`` with ``tau(t) = 2 R(t) / c``: (n, N).
 
-    Parameters
-    ----------
-    waveform : Waveform
-        The sweep; it is periodic, so the first ``tau`` seconds hold the previous sweep's tail. Of a deramping
-        altimeter (`core.deramp.IfWaveform`) the return comes mixed with the sweep, without that tail.
-    altitude_m : (n,) or scalar
-        Range ``R`` in metres at the middle of the frame (the instant the up/down mean refers to), >= 0.
-    vertical_speed_m_per_s : (n,) or scalar
-        Range rate, positive climbing; range walk inside the frame and Doppler both follow from it.
-    phase_cycles : (n,) or scalar
-        Extra carrier phase in cycles (scatterer, LO).
-    frame_index : (n,) or scalar
-        Sweep number; matters only where ``B T_h`` is not whole and the sweep is not centred.
+    Of (n,) values or scalars, (N,) if all are scalar. The sweep is periodic, so the first ``tau`` seconds hold the
+    previous one's tail. Of a deramping altimeter (`core.deramp.IfWaveform`) the return comes mixed with the sweep,
+    without that tail.
 
-    Returns
-    -------
-    (n, N) complex array
-        Or (N,) if every argument is scalar.
+    - ``altitude_m``: range ``R`` at the middle of the frame (the instant the up/down mean refers to), >= 0
+    - ``vertical_speed_m_per_s``: range rate, positive climbing; range walk inside the frame and Doppler both follow
+    - ``phase_cycles``: extra carrier phase (scatterer, LO)
+    - ``frame_index``: sweep number; matters only where ``B T_h`` is not whole and the sweep is not centred
     """
     parts = np.broadcast_arrays(altitude_m, vertical_speed_m_per_s, phase_cycles, frame_index)
     columns = [np.atleast_1d(part).astype(float) for part in parts]

@@ -160,10 +160,7 @@ def scene_from_parameters(
 ) -> Scene:
     """A scene by flowgraph parameters: numbers, or numbers as text; None or ``"scene"`` keeps the scene's value.
 
-    Raises
-    ------
-    SceneError
-        One line: parameter, value, what is allowed.
+    Raises `SceneError`, one line: parameter, value, what is allowed.
     """
     given = {"overlap": overlap, "sir_db": sir_db, "seed": seed}
     changes: dict[str, Any] = {}

@@ -40,41 +40,25 @@ class FrameSegmenter:
 
     `follow` names altitudes that were set by hand; they take precedence over the programme's.
 
-    Parameters
-    ----------
-    waveform : Waveform
-    programme : Programme or None
-        What was transmitted when. None (a person sets the altitude): after a lost lock it waits for `reacquire`. Unless
-        `follow` says what is sent, frames are then only checked to hold a sweep within the altitude span.
-    max_altitude_m : float
-        Highest altitude, for the check without a programme.
-    true_delay : bool
-        Whether altitudes come as true delays (with Doppler) or as beat shifts.
-    point_target : bool
-        False for an extended return, which matches no single delay: frames are then checked as without a programme. The
-        synchronisation sections are still the programme's.
-    leakage : LeakageCanceller or None
-        Subtracts the transmitter's own leakage from every frame. Timing is then acquired and held on the leakage
-        (`LeakageTiming`). Not with beat shifts, which shift the leakage as well.
-    noise : bool
-        Whether samples carry noise: frames that repeat one of the last second bit for bit are then a frozen receiver's,
-        and are not released. In a simulation without noise, repeated frames are no fault.
+    - ``programme``: what was transmitted when. None (a person sets the altitude): after a lost lock it waits for
+      `reacquire`. Unless `follow` says what is sent, frames are then only checked to hold a sweep within the altitude
+      span
+    - ``max_altitude_m``: highest altitude, for the check without a programme
+    - ``true_delay``: whether altitudes come as true delays (with Doppler) or as beat shifts
+    - ``point_target``: False for an extended return, which matches no single delay: frames are then checked as without
+      a programme. The synchronisation sections are still the programme's
+    - ``leakage``: subtracts the transmitter's own leakage from every frame. Timing is then acquired and held on the
+      leakage (`LeakageTiming`). Not with beat shifts, which shift the leakage as well
+    - ``noise``: whether samples carry noise: frames that repeat one of the last second bit for bit are then a frozen
+      receiver's, and are not released. In a simulation without noise, repeated frames are no fault
+    - ``counters``: ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``,
+      ``lost_samples``, ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``faulty_frames`` not emitted
+      because of `fault`, ``acquisitions``, ``index_corrections`` by whole frames that went missing (altitudes set by
+      hand)
+    - ``lock_loss``: what ended the last lock: sweep, expected altitude, measured altitude; else empty
+    - ``unverified_frames``: since the last verified one. A loss without a tag is detected in frames that show the
+      sweep; under interference that hides it, and with an extended return, it is not
 
-    Attributes
-    ----------
-    counters : dict
-        ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
-        ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``faulty_frames`` not emitted because of
-        `fault`, ``acquisitions``, ``index_corrections`` by
-        whole frames that went missing (altitudes set by hand).
-    lock_loss : str
-        What ended the last lock: sweep, expected altitude, measured altitude; else empty.
-    unverified_frames : int
-        Frames since the last verified one. A loss without a tag is detected in frames that show the sweep; under
-        interference that hides it, and with an extended return, it is not.
-
-    Notes
-    -----
     A loss of samples without a tag is found by `slips.Slips`: frames that agree on one end the lock. A slip by less
     than a frame shows in ``confirm_frames`` consecutive frames. A slip by whole frames shows only where the altitude
     steps; that frame is never released. With altitudes set by hand, counting then goes on from the sweep that was seen.

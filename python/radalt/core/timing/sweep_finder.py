@@ -48,7 +48,6 @@ class SweepFinder:
         self._fine_strength = _FINE_STRENGTH * ((1.0 + flank) / (1.0 - flank)) ** 2
         self._peak_curve = peak_curve(np.ones(512), waveform.bandwidth_hz / waveform.rate_hz / 512)
         self._expected: dict[tuple[float, float, float], np.ndarray] = {}
-        self._delayed = math.nan, self._spectrum
         self.quality_db = float("nan")
 
     def locate(self, samples: np.ndarray) -> tuple[int, float] | None:
@@ -162,12 +161,10 @@ class SweepFinder:
         return self._expected[key]
 
     def _delay(self, delay_s: float) -> np.ndarray:
-        """(N,) complex64 factors of a sweep's spectrum that delay it; those of the last delay are kept."""
-        if self._delayed[0] != delay_s:
-            factors = self._ramp(-delay_s * self.waveform.rate_hz / self._n, self._n)
-            factors[self._wraps :] *= np.complex64(np.exp(2j * np.pi * delay_s * self.waveform.rate_hz))
-            self._delayed = delay_s, factors
-        return self._delayed[1]
+        """(N,) complex64 factors of a sweep's spectrum that delay it."""
+        factors = self._ramp(-delay_s * self.waveform.rate_hz / self._n, self._n)
+        factors[self._wraps :] *= np.complex64(np.exp(2j * np.pi * delay_s * self.waveform.rate_hz))
+        return factors
 
     @staticmethod
     def _ramp(step_cycles: float, count: int) -> np.ndarray:

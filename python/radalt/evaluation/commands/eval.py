@@ -26,7 +26,7 @@ from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
 from ...core.paths import no_gnu_radio, remedy
-from ..engine.options import Options, Parser, add_options, command, complain, named, number, options_of, path
+from ..engine.options import Options, Parser, add_options, command, named, number, options_of, path
 from ..engine.own import add_own, own_methods
 
 PROGRAM, COMMAND = "ota_eval", "eval"
@@ -65,12 +65,12 @@ def _parser() -> Parser:
     return parser
 
 
-def _check_python() -> str | None:
-    """Why this Python cannot run the program, one line, or None."""
+def _check_python() -> None:
+    """Raise RuntimeError or ImportError where this Python cannot run the program."""
     try:
         # a namespace package `gnuradio` with `gnuradio.radalt` only is no GNU Radio
         if importlib.util.find_spec("gnuradio") is None or importlib.util.find_spec("gnuradio.gr") is None:
-            return no_gnu_radio()
+            raise RuntimeError(no_gnu_radio())
         # checked here, since the report would need them only at the end
         missing = [
             name
@@ -78,7 +78,7 @@ def _check_python() -> str | None:
             if importlib.util.find_spec(name) is None
         ]
         if missing:
-            return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
+            raise RuntimeError(f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}")
         # NumPy prints 50 lines of its own before the error where GNU Radio was built for another one
         with ctrl_c_waits(), contextlib.redirect_stderr(io.StringIO()):
             from gnuradio import gr  # noqa: F401
@@ -86,10 +86,9 @@ def _check_python() -> str | None:
             from ...core import scene  # noqa: F401
     except (ImportError, SystemError) as error:
         if (getattr(error, "name", "") or "").split(".")[0] in ("gnuradio", "pmt"):
-            return no_gnu_radio()
+            raise
         found = f"{str(error).splitlines()[0]}; was GNU Radio built for NumPy {metadata.version('numpy')}?"
-        return f"{sys.executable} cannot run gr-radalt ({found}); {remedy('numpy')}"
-    return None
+        raise RuntimeError(f"{sys.executable} cannot run gr-radalt ({found}); {remedy('numpy')}") from None
 
 
 def _scene(args: argparse.Namespace) -> Any:
@@ -222,10 +221,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = options_of(args, parser)
     if args.tracked and not args.sim:
         parser.error("--tracked needs --sim: on the air, the block altitude_tracker says what it tracks")
-    problem = _check_python()
-    if problem:
-        complain(PROGRAM, problem)
-        return 2
+    _check_python()
     if args.plan or args.check:
         return _check(args)
     if args.calibrate:

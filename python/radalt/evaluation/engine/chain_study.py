@@ -23,7 +23,6 @@ class ChainStudy(Study):
 
     @property
     def needs_network(self) -> bool:
-        """See `Study`."""
         return any(METHODS[chain.method].runs_network for chain in self.chains)
 
     def files(self) -> dict[str, Path]:
@@ -31,6 +30,5 @@ class ChainStudy(Study):
         return {chain.label: chain.model for chain in self.chains if chain.model}
 
     def with_files(self, files: Mapping[str, Path]) -> Study:
-        """See `Study`."""
         moved = (c.with_model(files[c.label]) if c.label in files else c for c in self.chains)
         return dataclasses.replace(self, chains=tuple(moved)) if files else self  # type: ignore[type-var]

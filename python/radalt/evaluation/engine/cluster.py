@@ -27,8 +27,7 @@ from ...core.parsing import read_text
 from ...core.plugins import VARIABLE as PLUGINS
 from ..results.folder import versions
 from .pool import WorkerError, outcome_of, processes, replied
-from .study import Point, Study
-from .task import Outcome, measure_point
+from .study import Outcome, Point, Study, measure_point
 
 try:
     import distributed

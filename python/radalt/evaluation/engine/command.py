@@ -3,15 +3,15 @@
 import errno
 import os
 import shlex
+import shutil
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ..results.folder import FolderError, RunFolder, check_writable
 from ..results.table import counted
 from .options import EXPECTED, Options, Terminated, complain, duration, named
-from .publish import publish
 from .run import Progress, head_of, run
 from .study import Study
 
@@ -55,7 +55,7 @@ class Bar:
 
 
 def main(
-    study: Study | Callable[[], Study],
+    study: Study,
     options: Options,
     *,
     program: str,
@@ -63,7 +63,7 @@ def main(
     describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(map(str, rows[0].values()))[:120],
     after: Callable[[Path], int | None] = lambda folder: None,
 ) -> int:
-    """Check and run a study, or the result of a callable; returns the exit status.
+    """Run a study that is checked; returns the exit status.
 
     The status is 0, 2 after one line about an error, 130 when interrupted, 143 when terminated. ``after`` is called
     with the result folder, prints a summary, and may return another status.
@@ -71,9 +71,6 @@ def main(
     begin, program = time.monotonic(), named(program)
     bar = Bar(describe)
     try:
-        if not isinstance(study, Study):
-            study = study()
-            study.check()
         if options.publish is not None:
             if not study.published:
                 raise FolderError(f"--publish {options.publish}: this study has no page in the documentation")
@@ -99,6 +96,27 @@ def main(
         return 143 if ended == "terminated" else 130
     print(f"\n{', '.join(map(str, shown))}  ({duration(time.monotonic() - begin)})")
     return status or 0
+
+
+def publish(result: Path, files: Mapping[str, str], target: Path) -> list[Path]:
+    """Copy files of a finished run into ``target``, by `Study.published`; links between them follow in Markdown.
+
+    A table without rows has no file. Files of these names are replaced.
+    """
+    out = []
+    for source, name in files.items():
+        if source.endswith(".csv") and not (result / source).exists():
+            continue
+        path = target / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(result / source, path)
+        if path.suffix == ".md":
+            text = path.read_text(encoding="utf-8")
+            for other, its_name in files.items():
+                text = text.replace(f"]({other})", f"]({os.path.relpath(its_name, Path(name).parent)})")
+            path.write_text(text, encoding="utf-8")
+        out.append(path)
+    return out
 
 
 def _said(error: Exception, options: Options) -> Exception | str:

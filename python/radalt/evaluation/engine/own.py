@@ -66,10 +66,12 @@ def option_files(options: Mapping[str, Mapping[str, Any]]) -> dict[str, Path]:
 def with_option_files(
     given: Mapping[str, Mapping[str, Any] | None], files: Mapping[str, Path]
 ) -> dict[str, dict[str, Any]]:
-    """Options with the files of `option_files` at other paths."""
+    """Options with the files of `option_files` at other paths; files of other names are left alone."""
     out = {name: dict(options or {}) for name, options in given.items()}
     for name, file in files.items():
-        method, key = name.rsplit(" ", 1)
+        method, _, key = name.rpartition(" ")
+        if key.rstrip("+") not in ("model", "file"):
+            continue
         options = out.setdefault(method, {})
         decoder = key.endswith("+")  # follows its encoder
         options[key.rstrip("+")] = f"{options['model']}+{file}" if decoder else str(file)

@@ -5,10 +5,13 @@ Faulty flowgraphs do both.
 """
 
 import atexit
+import json
 import multiprocessing
 import os
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
 from multiprocessing import resource_tracker
@@ -19,6 +22,16 @@ from ...core.interrupts import ctrl_c_waits
 from ...core.text import said
 
 _START_S = 10.0  # longest wait at the end of a run for workers that are starting, s
+_MARK = "RESULT "  # begins the line of the result of `call_apart`; other lines are the called code's own
+_APART_S = 300.0  # longest call in a process of its own, s
+_CODE = """
+import os, sys
+if hasattr(os, "sched_setaffinity"):  # a worker keeps to one core, on which BLAS makes no further thread
+    os.sched_setaffinity(0, range(os.cpu_count()))
+import importlib, json
+mark, module, function, arguments = sys.argv[1:]
+print(mark + json.dumps(getattr(importlib.import_module(module), function)(*json.loads(arguments))))
+"""
 
 
 class WorkerError(RuntimeError):
@@ -120,6 +133,22 @@ def outcome_of(future: Future, time_limit_s: float) -> tuple[bool, Any]:
         raise WorkerError(f"the worker process ended ({_cause(error.exitcode)})") from None
     except BrokenProcessPool:  # the worker ended before it acknowledged the task
         raise WorkerError("the worker process ended (it no longer answers)") from None
+
+
+def call_apart(module: str, function: str, *arguments: Any, threads: int = 1) -> Any:
+    """Result of a module's function in a process of its own; arguments and result are JSON.
+
+    The process finds the module by this one's ``sys.path``; ``threads`` are those of BLAS and OpenMP. Raises
+    WorkerError if there is no result: the last line that the process wrote.
+    """
+    env = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), str(threads))
+    env["PYTHONPATH"] = os.pathsep.join(sys.path)
+    command = [sys.executable, "-c", _CODE, _MARK, module, function, json.dumps(arguments)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=_APART_S, check=False)
+    found = [line for line in done.stdout.splitlines() if line.startswith(_MARK)]
+    if done.returncode or not found:
+        raise WorkerError((done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1])
+    return json.loads(found[-1].removeprefix(_MARK))
 
 
 def _cause(exitcode: int) -> str:

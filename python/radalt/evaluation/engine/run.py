@@ -12,8 +12,7 @@ from ..results.figure import own_style
 from ..results.folder import RunFolder, versions
 from .options import Options
 from .pool import WorkerError, run_tasks
-from .study import Point, Run, Study
-from .task import Outcome, kept_row, measure_point, peak_memory_bytes
+from .study import Outcome, Point, Run, Study, kept_row, measure_point, peak_memory_bytes
 
 if TYPE_CHECKING:
     from .cluster import Cluster

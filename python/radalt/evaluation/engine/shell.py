@@ -42,7 +42,7 @@ class StudyCommand:
     # describes a measured point in a line
     describe: Callable[[Sequence[dict[str, Any]]], str]
     # of result folder, arguments and study: prints a summary, and may return an exit status other than 0
-    after: Callable[[Path, argparse.Namespace, Any], int | None] | None = None
+    after: Callable[[Path, argparse.Namespace, Any], int | None] = lambda folder, args, study: None
     out: str = ""  # default result folder; "" for ``results/PROGRAM``
     time_limit_s: float = 600.0  # default of ``--time-limit-s``
 
@@ -72,10 +72,5 @@ class StudyCommand:
         if isinstance(study, int):
             return study
         study.check()
-
-        def after(folder: Path) -> int | None:
-            return self.after(folder, args, study) if self.after else None
-
-        return run(
-            study, options, program=self.program, dry_run=args.dry_run, describe=self.describe, after=after
-        )
+        own = {"program": self.program, "dry_run": args.dry_run, "describe": self.describe}
+        return run(study, options, **own, after=lambda folder: self.after(folder, args, study))

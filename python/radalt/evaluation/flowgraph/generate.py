@@ -109,14 +109,22 @@ def generated_here(data: dict[str, Any]) -> Path:
     return generate(data, Path(tempfile.mkdtemp(dir=_scratch().name)))
 
 
-def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, track: bool = False) -> Prepared:
+def prepare(
+    scene: Scene,
+    methods: Sequence[str],
+    build_dir: Path | str,
+    *,
+    track: bool = False,
+    jammer: bool | None = None,
+) -> Prepared:
     """Rewrite, prune and generate the simulated flowgraph of a scene, once for all of its points.
 
-    There is a jammer chain if the scene has a jammer, and a tracker behind every method with ``track``. ``build_dir``
-    receives ``.grc`` and ``.py``.
+    There is a jammer chain if the scene has a jammer, unless ``jammer`` says otherwise, and a tracker behind every
+    method with ``track``. ``build_dir`` receives ``.grc`` and ``.py``.
     """
-    name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}{'' if scene.auxiliary is None else '_two'}"
-    data = prune(simulate(shipped(), name), methods, scene.has_jammer)
+    jammer = scene.has_jammer if jammer is None else jammer
+    name = f"ota_sim_{'jam' if jammer else 'clear'}{'' if scene.auxiliary is None else '_two'}"
+    data = prune(simulate(shipped(), name), methods, jammer)
     if track:
         data = tracked(data, f"{name}_tracked")
     if scene.auxiliary is not None:

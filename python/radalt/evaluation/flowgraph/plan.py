@@ -61,11 +61,6 @@ def make_plan(scene: Scene, methods: Sequence[str], *, simulated: bool = True) -
     return Plan((*_parts(scene, methods), *around), 2 if scene.has_jammer else 1, altimeter)
 
 
-def left_out(scene: Scene, methods: Sequence[str], *, simulated: bool = True) -> list[str]:
-    """Parts that a scene does not need and that are not built or imported, each with its reason."""
-    return make_plan(scene, methods, simulated=simulated).left_out
-
-
 def _parts(scene: Scene, methods: Sequence[str]) -> list[Part]:
     from ...core.mitigation import METHODS
 

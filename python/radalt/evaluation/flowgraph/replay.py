@@ -22,8 +22,7 @@ from ..results.style import series_style
 from ..simulation import PointResult
 from .generate import Prepared, generate, shipped
 from .rewrite import from_recording, prune
-from .run import load_class, result_of
-from .watch import run_to_end
+from .run import load_class, result_of, run_to_end
 
 _SPREAD = ("altitude_p05_m", "altitude_median_m", "altitude_p95_m")
 

@@ -88,10 +88,6 @@ def _recordings(scene: Scene) -> dict[str, str]:
     return found
 
 
-def _digests(files: Mapping[str, Path]) -> dict[str, str]:
-    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
-
-
 def scene_files(scene: Scene) -> dict[str, Path]:
     """Files that the rows of a scene depend on besides its methods': of its landing, and its leakage calibration."""
     landing = scene.landing if scene.return_model == "terrain" else None
@@ -176,7 +172,6 @@ class OverlapStudy(Study):
 
     @property
     def stays_here(self) -> str:
-        """See `Study`."""
         if self.capture:
             return "--capture writes its recordings where the flowgraph runs"
         return "" if self.hardware is None else "the radios are at this machine"
@@ -188,7 +183,6 @@ class OverlapStudy(Study):
 
     @property
     def needs_network(self) -> bool:
-        """See `Study`."""
         return any(METHODS[m].runs_network for m in self.scene.methods if m in METHODS)
 
     def check(self) -> None:
@@ -201,15 +195,13 @@ class OverlapStudy(Study):
             )
 
     def head(self) -> dict[str, Any]:
-        """See `Study`."""
-        return {
-            "source": self.source,
-            "scene": scene_to_mapping(self.scene),
-            "methods": check_methods(self.scene),
-            **({"inputs_sha256": inputs} if (inputs := _digests(scene_files(self.scene))) else {}),
-            **({"recordings": digests} if (digests := _recordings(self.scene)) else {}),
-            **({"dwell_frames": DWELL_FRAMES} if self.tracked else {}),
-        }
+        files = scene_files(self.scene).items()
+        inputs = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files}
+        own = {"inputs_sha256": inputs, "recordings": _recordings(self.scene)}
+        own["dwell_frames"] = DWELL_FRAMES if self.tracked else 0
+        stated = {"source": self.source, "scene": scene_to_mapping(self.scene)}
+        stated["methods"] = check_methods(self.scene)
+        return stated | {name: value for name, value in own.items() if value}
 
     def points(self) -> Sequence[OverlapPoint]:
         """The sweep, and points without interference (the ceiling) unless the sweep has overlap 0."""
@@ -272,24 +264,22 @@ class OverlapStudy(Study):
         return rows_of(scene, point, result) + altitude_rows(scene, point, result.results)
 
     def table_of(self, point: Point, row: Mapping[str, Any]) -> str:
-        """See `Study`."""
         return "altitudes" if "altitude_low_m" in row else point.table
 
     def left_out(self) -> list[str]:
         """Parts that the flowgraphs leave out, with reasons."""
-        from ..flowgraph.plan import left_out
+        from ..flowgraph.plan import make_plan
 
         scenes = [scene_at(self.scene, p) for p in self.points() if p.table != "tracked"]
         by_jammer = {scene.has_jammer: scene for scene in scenes}
         lists = [
-            left_out(by_jammer[jammer], self.scene.methods, simulated=self.hardware is None)
+            make_plan(by_jammer[jammer], self.scene.methods, simulated=self.hardware is None).left_out
             for jammer in sorted(by_jammer, reverse=True)
         ]
         first, *others = lists
         return first + [f"at overlap 0: {item}" for other in others for item in other if item not in first]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `report.write_report`."""
         from .report import write_report
 
         return write_report(folder, self.scene, rows, run, left_out=self.left_out())
@@ -300,13 +290,7 @@ class OverlapStudy(Study):
         return out | scene_files(self.scene) | method_files(self.scene)
 
     def with_files(self, files: Mapping[str, Path]) -> OverlapStudy:
-        """See `Study`."""
         scene, its = self.scene, scene_files(self.scene)
-        own = {
-            name: path
-            for name, path in files.items()
-            if name not in its and not name.startswith("flowgraph ")
-        }
         segmenter, landing = scene.segmenter, scene.landing
         if "leakage" in its:
             segmenter = dataclasses.replace(segmenter, leakage_calibration=str(files["leakage"]))
@@ -315,6 +299,6 @@ class OverlapStudy(Study):
         prepared = tuple(
             (name, dataclasses.replace(one, module=files[f"flowgraph {name}"])) for name, one in self.prepared
         )
-        options = with_option_files(scene.method_options, own)
+        options = with_option_files(scene.method_options, files)
         scene = dataclasses.replace(scene, segmenter=segmenter, landing=landing, method_options=options)
         return dataclasses.replace(self, scene=scene, prepared=prepared)

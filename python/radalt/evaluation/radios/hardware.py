@@ -16,8 +16,7 @@ from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
 from ..flowgraph.generate import Prepared, generated_here, shipped
 from ..flowgraph.rewrite import RADAR_GATE, prune, with_second_channel
-from ..flowgraph.run import attach_recorder, finish_recorder, load_class, result_of
-from ..flowgraph.watch import run_to_end
+from ..flowgraph.run import attach_recorder, finish_recorder, load_class, result_of, run_to_end
 from ..simulation import TAIL_FRAMES, PointResult
 from .bring_up import bring_up, start_together
 from .settings import radio_blocks
@@ -45,27 +44,24 @@ def _prepared(methods: tuple[str, ...], jammer: bool, two: bool) -> Prepared:
     return Prepared(generated_here(data), methods)
 
 
-class _Events:
-    """Counts the transmitters' asynchronous messages by their kind."""
+def _events() -> Any:
+    """A block that counts the transmitters' asynchronous messages by their kind, in ``counts``."""
+    import pmt
+    from gnuradio import gr
 
-    def __init__(self) -> None:
-        import pmt
-        from gnuradio import gr
+    class sink(gr.basic_block):
+        def __init__(self) -> None:
+            gr.basic_block.__init__(self, "radalt_event_counter", [], [])
+            self.counts: Counter[str] = Counter()
+            port = pmt.intern("events")
+            self.message_port_register_in(port)
+            self.set_msg_handler(port, self.count)
 
-        counts: Counter[str] = Counter()
+        def count(self, message) -> None:  # noqa: ANN001 - a pmt
+            text = pmt.write_string(message).replace("(", " ").replace(")", " ").split()
+            self.counts.update(word for word in text if word in TX_EVENTS)
 
-        class sink(gr.basic_block):
-            def __init__(self) -> None:
-                gr.basic_block.__init__(self, "radalt_event_counter", [], [])
-                port = pmt.intern("events")
-                self.message_port_register_in(port)
-                self.set_msg_handler(port, self.count)
-
-            def count(self, message) -> None:  # noqa: ANN001 - a pmt
-                text = pmt.write_string(message).replace("(", " ").replace(")", " ").split()
-                counts.update(word for word in text if word in TX_EVENTS)
-
-        self.counts, self.block = counts, sink()
+    return sink()
 
 
 def run_hardware(
@@ -93,10 +89,10 @@ def run_hardware(
 
     prepared = _prepared(tuple(methods), scene.has_jammer, scene.auxiliary is not None)
     top = load_class(prepared)(scene_file=scene, drop_when_slow=1, transmit=1)
-    events = _Events()
+    events = _events()
     for name in radio_blocks(scene):
         if name.endswith("_sink"):
-            top.msg_connect((getattr(top, name), "async_msgs"), (events.block, "events"))
+            top.msg_connect((getattr(top, name), "async_msgs"), (events, "events"))
     ready = set_up(
         top, scene, uhd, calibration=calibration, use_calibration=use_calibration, log=log, sleep=sleep
     )

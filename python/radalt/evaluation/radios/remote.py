@@ -12,8 +12,7 @@ from ...core.scene import Scene
 from ...core.scene.live import by_hand
 from ..flowgraph.generate import Prepared, generated_here, shipped
 from ..flowgraph.rewrite import prune, remote, simulate, with_second_channel
-from ..flowgraph.run import load_class
-from ..flowgraph.watch import run_to_end
+from ..flowgraph.run import load_class, run_to_end
 
 
 @functools.lru_cache(maxsize=4)

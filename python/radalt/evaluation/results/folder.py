@@ -8,7 +8,6 @@ others) are written from it, so that a resumed run has the measured rows of this
 import contextlib
 import hashlib
 import json
-import math
 import os
 import platform
 import tempfile
@@ -17,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from ...core.parsing import InputError, read_bytes, shown
+from ...core.parsing import InputError, plain_json, read_bytes, shown
 
 SCHEMA = 2  # of report.json
 _JOURNAL_VERSION = 3  # part of the digest: lines of another format are rejected
@@ -58,19 +57,6 @@ def flatten(value: Any, prefix: str = "") -> dict[str, Any]:
     for key, item in value.items():
         out |= flatten(item, f"{prefix}.{key}" if prefix else str(key))
     return out
-
-
-def plain_json(value: Any) -> Any:
-    """A value for JSON: NumPy numbers as Python's, tuples as lists, non-finite numbers as None."""
-    if isinstance(value, dict):
-        return {str(k): plain_json(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_json(v) for v in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def write_json(path: Path, content: Any) -> None:

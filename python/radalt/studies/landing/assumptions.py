@@ -1,7 +1,8 @@
 """Assumptions on which a landing result depends, a row of the sensitivity table each."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy import signal
@@ -17,15 +18,28 @@ from .config import LandingConfig
 class Assumption:
     """A study changed in one assumption.
 
-    ``name``, ``group``, ``text``: key, part of the table, and the assumption in words.
+    ``name``, ``group``, ``text``: key, part of the table, and the assumption in words; ``changes``: fields of the
+    study, those within a part as a mapping, and functions of the study's own value.
     """
 
     name: str
     group: str
     text: str
-    change: Callable[[LandingConfig], LandingConfig] = lambda study: study
-    """From the study to the changed one."""
+    changes: Mapping[str, Any] = field(default_factory=dict)
     shift_db: float = 0.0  # added to the study's SIR
+
+    def change(self, study: LandingConfig) -> LandingConfig:
+        """The changed study."""
+        return _replaced(study, self.changes)
+
+
+def _replaced(part: Any, changes: Mapping[str, Any]) -> Any:
+    found = {}
+    for name, value in changes.items():
+        own = getattr(part, name)
+        nested = isinstance(value, dict)
+        found[name] = _replaced(own, value) if nested else value(own) if callable(value) else value
+    return replace(part, **found)
 
 
 @dataclass(frozen=True)
@@ -45,38 +59,12 @@ class ReceivedQpsk:
         return signal.upfirdn(taps, wide, 1, 4)[taps.size // 4 :][:count]
 
 
-def _snr(snr_db: float) -> Assumption:
-    return Assumption(
-        f"snr_{snr_db:g}", "noise", f"SNR {snr_db:g} dB a sample", lambda s: replace(s, snr_db=snr_db)
-    )
-
-
 def _ground(model: str, land: str, text: str) -> Assumption:
-    def change(study: LandingConfig) -> LandingConfig:
-        return replace(study, ground=replace(study.ground, model=model, land=land))
-
-    return Assumption(f"{model}_{land}", "ground", text, change)
+    return Assumption(f"{model}_{land}", "ground", text, {"ground": {"model": model, "land": land}})
 
 
-def _level(level_db: float) -> Assumption:
-    def change(study: LandingConfig) -> LandingConfig:
-        return replace(study, ground=replace(study.ground, level_db=study.ground.level_db + level_db))
-
-    return Assumption(f"level_{level_db:+g}", "ground", f"sigma0 {level_db:+g} dB", change)
-
-
-def _detection(strategy: str) -> Assumption:
-    def change(study: LandingConfig) -> LandingConfig:
-        return replace(study, altimeter=replace(study.altimeter, strategy=strategy))
-
-    return Assumption(strategy, "detection", f"detection: {strategy.replace('_', ' ')}", change)
-
-
-def _emitter(name: str, text: str, emitter: object) -> Assumption:
-    def change(study: LandingConfig) -> LandingConfig:
-        return replace(study, interference=(Interferer(emitter),))
-
-    return Assumption(name, "interference", text, change)
+def _emitter(name: str, text: str, emitter: object, shift_db: float = 0.0) -> Assumption:
+    return Assumption(name, "interference", text, {"interference": (Interferer(emitter),)}, shift_db)
 
 
 # gain of dechirping a half sweep (B T_h = 3750) against interference that is white over the band
@@ -84,37 +72,28 @@ COMPRESSION_DB = 35.7
 
 ASSUMPTIONS: tuple[Assumption, ...] = (
     Assumption("baseline", "baseline", "as the study"),
-    Assumption("no_interference", "baseline", "no interference", lambda s: replace(s, interference=())),
-    Assumption("point", "ground", "point target instead of terrain", lambda s: replace(s, point_target=True)),
-    Assumption("flat", "ground", "flat earth", lambda s: replace(s, terrain=replace(s.terrain, files=()))),
+    Assumption("no_interference", "baseline", "no interference", {"interference": ()}),
+    Assumption("point", "ground", "point target instead of terrain", {"point_target": True}),
+    Assumption("flat", "ground", "flat earth", {"terrain": {"files": ()}}),
     _ground("constant_gamma", "urban_low_relief", "constant gamma, no nadir peak"),
     _ground("ulaby_dobson", "soil", "Ulaby-Dobson, soil"),
     _ground("morchin", "wooded_hills", "Morchin, wooded hills"),
-    _level(-10.0),
-    _level(+10.0),
-    Assumption(
-        "beam_60",
-        "ground",
-        "beam 60 degrees",
-        lambda s: replace(s, antenna=replace(s.antenna, pattern=None, beamwidth_deg=60.0)),
+    Assumption("level_-10", "ground", "sigma0 -10 dB", {"ground": {"level_db": lambda db: db - 10.0}}),
+    Assumption("level_+10", "ground", "sigma0 +10 dB", {"ground": {"level_db": lambda db: db + 10.0}}),
+    Assumption("beam_60", "ground", "beam 60 degrees", {"antenna": {"pattern": None, "beamwidth_deg": 60.0}}),
+    Assumption("strongest", "detection", "detection: strongest", {"altimeter": {"strategy": "strongest"}}),
+    Assumption("centroid", "detection", "detection: centroid", {"altimeter": {"strategy": "centroid"}}),
+    Assumption("looks_8", "detection", "8 sweeps averaged", {"looks": 8}),
+    Assumption("doppler_off", "detection", "Doppler off", {"doppler": False}),
+    *(
+        Assumption(f"snr_{snr_db:g}", "noise", f"SNR {snr_db:g} dB a sample", {"snr_db": snr_db})
+        for snr_db in (10.0, 0.0, -10.0, -20.0, -30.0)
     ),
-    _detection("strongest"),
-    _detection("centroid"),
-    Assumption("looks_8", "detection", "8 sweeps averaged", lambda s: replace(s, looks=8)),
-    Assumption("doppler_off", "detection", "Doppler off", lambda s: replace(s, doppler=False)),
-    _snr(10.0),
-    _snr(0.0),
-    _snr(-10.0),
-    _snr(-20.0),
-    _snr(-30.0),
     _emitter("ideal", "QPSK, ideal emitter", QpskEmitter()),
     _emitter("qpsk_shaped", "QPSK, root-raised-cosine", QpskEmitter(pulse="rrc", evm=TYPICAL)),
     _emitter("qpsk_received", "QPSK behind a receiver's filter", ReceivedQpsk()),
-    replace(
-        _emitter(
-            "qpsk_received_minus_25", "QPSK behind a receiver's filter, SIR 25 dB lower", ReceivedQpsk()
-        ),
-        shift_db=-25.0,
+    _emitter(
+        "qpsk_received_minus_25", "QPSK behind a receiver's filter, SIR 25 dB lower", ReceivedQpsk(), -25.0
     ),
     _emitter("tones", "5 tones", ToneEmitter(count=5)),
     _emitter("qpsk_wide", "QPSK over the whole band", QpskEmitter(bandwidth_hz=7.4e6, evm=TYPICAL)),

@@ -12,7 +12,7 @@ from ...evaluation.results.figure import COLUMN_IN, new_figure, save_figure
 from ...evaluation.results.score import CORRECT_LIMIT_M, accuracy_limit_m
 from ...evaluation.results.style import series_style
 from .config import LandingConfig
-from .points import approach_frames, impaired, rng_of
+from .study import approach_frames, impaired, rng_of
 
 Row = dict[str, Any]
 IMAGE_FRAMES = 300  # columns of the range-time image, about one per pixel

@@ -16,8 +16,7 @@ from ...evaluation.results.table import DASH, metres, number, signed_metres, tab
 from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 from .figures import condition, draw_figures
-from .points import MEASURED, accuracy
-from .study import LandingStudy
+from .study import MEASURED, LandingStudy, accuracy
 
 Row = dict[str, Any]
 

@@ -13,8 +13,7 @@ from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_result
 from ...evaluation.results.rows import grouped
 from ...evaluation.results.table import number, table
-from .scenes import scene_of
-from .study import LeavingOutStudy
+from .study import LeavingOutStudy, scene_of
 
 
 def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any]]:

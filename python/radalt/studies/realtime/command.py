@@ -56,10 +56,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.held_only and args.out:
         parser.error("--out reports a run that goes as fast as it can; leave out --held-only")
     from ...core.mitigation import METHODS
-    from ...core.scene import load_scene
-    from .alone import alone_seconds
-    from .gateway import gateway_seconds
-    from .report import Benchmark, tables_of
+    from ...core.scene import load_scene, scene_to_mapping
+    from ...evaluation.engine.study import Run, peak_memory_bytes
+    from ...evaluation.results.folder import RunFolder, versions
+    from .alone import alone_seconds, gateway_seconds
+    from .report import Benchmark, tables_of, write_report
     from .study import at_rate, fft_seconds, fly_benchmark, long_scene, prepare_benchmark
 
     begin = time.monotonic()
@@ -67,28 +68,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     found = {}
     scene = load_scene(args.scene)
     scene = scene.at(overlap=args.overlap) if scene.interference else scene
-    scene = scene if args.rate_hz is None else at_rate(scene, args.rate_hz)
-    scene = long_scene(scene, args.seconds)
+    scene = long_scene(at_rate(scene, args.rate_hz) if args.rate_hz else scene, args.seconds)
     samples = scene.waveform.samples_per_frame
-    options = {"batch": args.batch, "skip_clean": args.skip_clean}
-    extras = {"own_process": not args.one_process, "track": args.tracked}
-    folder = (
-        _folder(args.out, scene, methods, options | extras, command_of(args, parser)) if args.out else None
-    )
+    options = {
+        "batch": args.batch,
+        "skip_clean": args.skip_clean,
+        "own_process": not args.one_process,
+        "track": args.tracked,
+    }
+    if args.out:  # before the runs, so that an unsuitable folder is refused at once
+        head = {"study": "realtime", "command": command_of(args, parser), "scene": scene_to_mapping(scene)}
+        head |= {"methods": list(methods), **options, "versions": versions("tcae" in methods)}
+        folder = RunFolder(args.out, head, replace=True)
     with tempfile.TemporaryDirectory(prefix="radalt_") as build:
         for realtime in [False] * (not args.held_only) + [True] * (not args.free_only):
-            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options, **extras)
+            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options)
             limit = 20.0 * args.seconds * max(1.0, scene.waveform.rate_hz / 7.5e6) + 60.0
-            unit_s = [fft_seconds(samples)]
+            unit_s = fft_seconds(samples)
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
-            unit_s.append(fft_seconds(samples))
             title = HELD if realtime else FREE
-            found[title] = Benchmark(result, sum(unit_s) / 2)
+            found[title] = Benchmark(result, 0.5 * (unit_s + fft_seconds(samples)))
             print(f"{title}: {result.signal_s:.1f} s of signal in {result.wall_s:.1f} s", flush=True)
         if not args.held_only:
             # last, since it loads the network into this process, whose memory is measured before
-            apart = options | {"own_process": False, "track": args.tracked}
-            in_turn = prepare_benchmark(scene, methods, Path(build) / "alone", realtime=False, **apart)
+            alone, apart = Path(build) / "alone", options | {"own_process": False}
+            in_turn = prepare_benchmark(scene, methods, alone, realtime=False, **apart)
             unit_s = fft_seconds(samples)
             alone_s = alone_seconds(in_turn, scene, batch=args.batch)
             alone_s["(six blocks that copy)"] = gateway_seconds(samples)
@@ -100,27 +104,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("", *filter(None, shown.values()), sep="\n\n")
     if args.held_only:
         return 0 if found[HELD].measured.dropped_frames == 0 else 1
-    if folder is not None:
-        print(_report(folder, found, sweep_s, time.monotonic() - begin))
+    if args.out:
+        wall_s = round(time.monotonic() - begin, 3)
+        run = Run(1, len(found), 0, wall_s, peak_memory_bytes(), folder.head["command"])
+        print(write_report(folder, found, sweep_s, run))
+        folder.close()
     return 0 if found[FREE].measured.real_time_factor >= 1.0 else 1
-
-
-def _folder(out, scene, methods, options, typed):  # noqa: ANN001, ANN202 - imported late
-    """The result folder, made before the runs, so that an unsuitable one is refused at once."""
-    from ...core.scene import scene_to_mapping
-    from ...evaluation.results.folder import RunFolder, versions
-
-    head = {"study": "realtime", "command": typed, "scene": scene_to_mapping(scene), "methods": list(methods)}
-    return RunFolder(out, head | options | {"versions": versions("tcae" in methods)}, replace=True)
-
-
-def _report(folder, found, sweep_s: float, wall_s: float) -> Path:  # noqa: ANN001 - imported late
-    from ...evaluation.engine.study import Run
-    from ...evaluation.engine.task import peak_memory_bytes
-    from .report import write_report
-
-    command = folder.head["command"]
-    run = Run(1, len(found), 0, round(wall_s, 3), peak_memory_bytes(), command)
-    page = write_report(folder, found, sweep_s, run)
-    folder.close()
-    return page

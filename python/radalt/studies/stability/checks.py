@@ -16,8 +16,7 @@ from ...core.returns.point import point_return
 from ...core.scene import Scene
 from ...core.timing.segmenter import FrameSegmenter
 from ...core.waveform import Waveform
-from ...evaluation.engine.apart import call_apart
-from ...evaluation.engine.pool import WorkerError
+from ...evaluation.engine.pool import WorkerError, call_apart
 from .cases import coloured_noise, noisy
 
 SPREADS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)  # spectral spreads of the input, for the step limits
@@ -191,7 +190,7 @@ def _through_blocks(
 
     import gnuradio.radalt as radalt
 
-    from ...evaluation.flowgraph.watch import run_to_end
+    from ...evaluation.flowgraph.run import run_to_end
 
     top = gr.top_block()
     source = blocks.vector_source_c(frames.ravel().tolist(), False, frames.shape[1])

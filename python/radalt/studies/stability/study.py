@@ -85,7 +85,6 @@ class StabilityStudy(ChainStudy):
         ]
 
     def measure(self, point: Point) -> list[dict[str, Any]]:
-        """See `Study`."""
         if point.table == "step_limits":
             return [checks.step_limit(point.spread)]
         if point.what == "long runs":

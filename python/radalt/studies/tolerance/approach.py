@@ -147,7 +147,6 @@ class ApproachStudy(Study):
     }
 
     def head(self) -> dict[str, Any]:
-        """See `Study`."""
         pattern = [getattr(self.pattern, k).tolist() for k in ("angle_deg", "azimuth_deg", "gain_dbi")]
         altimeters = [asdict(load_profile(name)) for name in self.profiles]
         own = {"outputs": self.outputs, "approach": asdict(self.approach)}
@@ -182,7 +181,6 @@ class ApproachStudy(Study):
         return [words | dict(zip(_NUMBERS, numbers, strict=True))]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """See `Study`."""
         save_figure(draw_approach(rows["rows"]), folder.path / "approach.png")
         header = "altimeter | to the threshold, m | altitude, ft | power, dBm | breaks at, dBm | NORMAL | tracked, ft"
         lines = [

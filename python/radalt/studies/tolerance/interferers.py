@@ -17,7 +17,6 @@ from .criteria import HIGHEST_DBM
 
 _LOCKED_M = 450.0  # range at which an equal, locked sweep appears, installation delay included
 _LOCKED_SHARE = 0.75  # of the span, where that is less: it has to lie within
-_DRIFT = 1e-5  # relative difference of the periods of equal sweeps: two crystals of 5 ppm
 # Broadband noise of an emitter next to its signal: that of an oscillator (assumed); for NR an adjacent channel leakage
 # ratio of 45 dB, the usual limit of base stations, over the whole sweep.
 _OSCILLATOR_DBC_PER_HZ = -130.0
@@ -73,13 +72,6 @@ def locked_m(profile: Profile) -> float:
 
 def _locked(profile: Profile, rng: np.random.Generator) -> Emitter:
     return OtherAltimeter(profile.waveform, delay_s=float(altitude_to_delay_s(locked_m(profile))))
-
-
-def _drifting(profile: Profile, rng: np.random.Generator) -> Emitter:
-    """Enters the IF as the run starts and crosses it once."""
-    w = profile.waveform
-    begin = -w.stop_hz / w.slope_hz_per_s * (0.8 + 0.2 * rng.random())
-    return OtherAltimeter(_retimed(w, w.sweep_s * (1 + _DRIFT), w.bandwidth_hz), delay_s=begin)
 
 
 @dataclass(frozen=True)
@@ -171,10 +163,6 @@ INTERFERERS = {
     "nr10": Interferer("10 MHz NR", _nr, bandwidth_hz=9.36e6, floor_dbc_per_hz=_LEAKAGE_DBC_PER_HZ),
     "altimeter": Interferer("another altimeter", _other, constant_envelope=True, bandwidth_hz=1.0),
     "equal_locked": Interferer("equal sweep, locked", _locked, constant_envelope=True, bandwidth_hz=1.0),
-    "equal_drifting": Interferer(
-        "equal sweep, drifting", _drifting, constant_envelope=True, bandwidth_hz=1.0
-    ),
-    "white_noise_others": Interferer("white noise, own altimeters on", others=True),
     "white_noise_two": Interferer("white noise, and 10 dB weaker from elsewhere", elsewhere_db=-10.0),
 }
 

@@ -241,7 +241,6 @@ class ToleranceStudy(Study):
     }
 
     def head(self) -> dict[str, Any]:
-        """See `Study`."""
         numbers = [_profile(name) for name in self.profiles]
         altimeters = [{k: getattr(p, k) for k in p.__dataclass_fields__} for p in numbers]
         return vars(self) | {"altimeters": altimeters}
@@ -283,8 +282,6 @@ class ToleranceStudy(Study):
                     "leave it out, or set the profile's unlock_loss_db to 200"
                 )
         for feet in self.altitudes_ft:
-            if not feet >= 10:
-                raise ValueError(f"--altitudes-ft: {feet:g} ft; it has to be at least 10")
             for p in profiles:
                 apart_m = abs(locked_m(p) - (feet + p.installation_delay_ft) * foot)
                 if "equal_locked" in self.interferers and apart_m < _APART * feet * foot:
@@ -294,7 +291,6 @@ class ToleranceStudy(Study):
                     )
 
     def points(self) -> Sequence[TolerancePoint]:
-        """See `Study`."""
         found = []
         for name, method, interferer, seed in product(
             self.profiles, self.methods, self.interferers, range(self.seed, self.seed + self.seeds)
@@ -358,14 +354,11 @@ class ToleranceStudy(Study):
             return row | {"first": "none"}
         broken = min(levels)
         first = " ".join(name for name, level in breaks.items() if level == broken)
-        return row | {"first": first, "break_dbm": broken} | self._densities(p, trial, feet, broken)
-
-    def _densities(self, p: Profile, trial: Trial, feet: float, level_dbm: float) -> dict[str, float]:
-        """Densities at the port and in the air, and the margin to Table 1 where that applies."""
-        density = trial.kind.density_dbm_per_mhz(p, level_dbm)
-        flux = trial.kind.flux_dbw_per_m2_mhz(p, level_dbm)
+        density, flux = broken + unit_db, trial.kind.flux_dbw_per_m2_mhz(p, broken)
+        # Table 1 applies to low altitudes
         margin = flux - self.asked(p, trial.kind) if feet <= MAX_ALTITUDE_FT else np.nan
-        return {"break_dbm_per_mhz": density, "break_dbw_per_m2_mhz": flux, "margin_db": margin}
+        densities = {"break_dbm_per_mhz": density, "break_dbw_per_m2_mhz": flux, "margin_db": margin}
+        return row | {"first": first, "break_dbm": broken} | densities
 
     @staticmethod
     def asked(profile: Profile, kind: Interferer) -> float:
