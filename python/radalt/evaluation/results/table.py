@@ -23,9 +23,9 @@ def table(header: Sequence[str] | str, rows: Iterable[Sequence[Any]]) -> str:
     return "\n".join([lines[0], "|" + "|".join(["---", *sides[1:]]) + "|", *lines[1:]])
 
 
-def _side(column: Iterable[str]) -> str:
+def _side(column: Sequence[str]) -> str:
     words = sum(1 if cell.lstrip("*`")[:1].isalpha() else -1 for cell in column if cell not in ("", DASH))
-    return "---" if words > 0 else "---:"
+    return "---" if words > 0 or not any(column) else "---:"
 
 
 def _exists(value: float | None) -> TypeGuard[float]:
