@@ -14,7 +14,7 @@ from radalt.core.altimeter.altimeter import shared_altimeter
 from radalt.core.tracker.tracker import OUTPUT_DTYPE, AltitudeTracker, Status
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
 from radalt.studies.integrity import command as program
-from radalt.studies.integrity import report
+from radalt.studies.integrity import long_flights, report
 from radalt.studies.integrity.beats import Beats
 from radalt.studies.integrity.cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
 from radalt.studies.integrity.columns import ROWS
@@ -199,11 +199,24 @@ def test_noise_at_the_decimated_rate_has_the_covariance_of_decimated_noise():
     assert np.trace(found[1]).real == pytest.approx(np.trace(found[0]).real, rel=0.01)
 
 
-def test_a_part_of_the_ground_farther_off_is_no_altitude_once_the_edge_shows():
-    """Mountains from 1,280 m, banked by 40 degrees: the beam points at 1,500 m; five outputs were 176 m off."""
-    case = case_of("land/mountains/bank 40")
-    row = _row(*judge_long(case, rng_of(case, 54, 0, 0), 1200, SMALL.settings))
-    assert (row["outputs"], row["misleading"], row["hazardous"]) == (30, 0, 0)
+@pytest.mark.parametrize(
+    "land, seed, frames", [("mountains", 54, 1200), ("mountains", 18, 1600), ("woods", 11, 1600)]
+)
+def test_a_bank_of_40_degrees_misleads_in_no_output_where_the_nearest_ground_is_weak(land, seed, frames):
+    """In the first the beam points at 1,500 m, in the others the top lies 30 to 60 m beyond the nearest ground."""
+    case = case_of(f"land/{land}/bank 40")
+    flight, judged = judge_long(case, rng_of(case, seed, 0, 0), frames, SMALL.settings)
+    out = judged.outputs
+    error_m = np.abs(out["altitude_m"] - flight.end_m[out["frame_index"]])
+    assert len(out) == frames // BLOCK and not np.any(error_m > 0.88 * out["protection_level_m"])
+
+
+def test_woods_whose_top_lies_beyond_the_span_are_no_point_within_it(monkeypatch):
+    """Banked by 40 degrees at 1,230 m; 21 peaks of their speckle were altitudes 160 m off."""
+    monkeypatch.setattr(long_flights, "_altitudes", lambda rng, blocks: np.full(blocks + 1, 1230.0))
+    case = case_of("land/woods/bank 40")
+    row = _row(*judge_long(case, rng_of(case, 14, 0, 0), 4000, SMALL.settings))
+    assert (row["outputs"], row["misleading"], row["hazardous"]) == (100, 0, 0)
 
 
 def test_the_pages_have_the_rates_of_the_stored_flights(root):

@@ -81,7 +81,7 @@ def whole(tmp_path_factory) -> Path:
 
 
 def test_rows_are_the_same_bytes_for_any_number_of_workers(whole, tmp_path):
-    run(Coins(), Options(tmp_path / "b", jobs=3))
+    run(Coins(), Options(tmp_path / "b", jobs=2))
     assert rows_of(tmp_path / "b") == rows_of(whole)
     assert len(rows_of(whole).splitlines()) == 5
 

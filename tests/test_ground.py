@@ -47,8 +47,9 @@ def test_the_altitude_is_that_of_the_nearest_ground_in_level_flight_and_in_a_ban
     out = over_ground(4_711, land, altitude_m, **attitude)
     assert np.all(out["status"] == Status.NORMAL)
     error = np.abs(out["altitude_m"] - altitude_m)
-    most_m = max(5.0, 0.03 * altitude_m) if attitude else 2.0
+    most_m = max(5.0, 0.03 * altitude_m) if attitude else 3.0
     assert np.all(error < out["protection_level_m"]) and np.all(error <= most_m)
+    assert np.all(out["protection_level_m"] < max(10.5, 8.0 + 0.021 * altitude_m))
 
 
 @pytest.mark.parametrize(("speed", "snr_db"), [(0.0, -10.0), (20.0, 20.0), (150.0, -10.0)])

@@ -84,6 +84,12 @@ def test_where_no_frame_is_dropped_every_emitter_that_is_drawn_anew_is_searched(
     assert right(method.process(frames), altitude_m) >= 0.9 and method.searched >= 11
 
 
+def test_what_is_left_of_a_strong_burst_is_kept_where_whitening_leaves_no_return():
+    altitude_m, frames = independent([QpskReceivedEmitter()], -57.5, 24, 5, 0.3)
+    assert right(create("whitening", W).process(frames), altitude_m) < 0.2
+    assert right(create("hybrid", W, other="whitening").process(frames), altitude_m) >= 0.9
+
+
 @pytest.mark.parametrize("start", range(4))
 def test_time_division_duplex_is_cancelled_wherever_it_starts(start):
     """At -32 dB 256QAM next to a return that decisions would take for data; uplink slots are silent."""

@@ -18,7 +18,7 @@ _OTHERS = ("tcae", "whitening")
 _SEARCH_FFTS = 6.25
 _RATE_HZ = 7.5e6  # of that figure; a frame of another rate leaves less or more time
 # Weight of a burst in what a canceller leaves, below which its part of the frame is lost: error vectors are 30 dB above
-# what is next to them there. The network knows such a burst better as it was received
+# what is next to them there. The network knows such a burst better as it was received; whitening does not
 _MIN_WEIGHT = 1e-3
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest, of the mean, below which a frame holds a burst
 # `ReturnEstimator.visibility` (18 dB) from which the altimeter needs no mitigation: Pd is 0.99 at 16 dB
@@ -150,7 +150,8 @@ class Hybrid(Mitigation):
             self._credit -= method.outcome.ffts
             if out is not None:
                 self._by = method
-                return out if getattr(method, "burst_weight", 1.0) >= _MIN_WEIGHT else None
+                lost = getattr(method, "burst_weight", 1.0) < _MIN_WEIGHT
+                return None if lost and self._other.runs_network else out
         return None
 
 

@@ -27,8 +27,9 @@ from .integrator import Integrator
 _EXTENTS = 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0
 _TOPS = 0.0, 0.25, 0.6, 1.2, 2.5, 5.0, 10.0
 _BLURS = 0.0, 0.3, 0.7, 1.2, 1.7
-# Share of the extent up to which the top may lie: farther, the nearest ground is 13 dB below it.
-_FARTHEST_TOP = 3.0
+# Extents up to which the top may lie: there, as in a beam of 40 degrees banked by as many, the nearest ground is 13 dB
+# below it.
+_FARTHEST_TOP = 5.0
 # Greatest extent and top over the altitude (a beam of 60 degrees; a bank of 40), and ground speed in m/s.
 _MOST_EXTENT, _MOST_TOP, _FASTEST_M_PER_S = 1.0 / 7.5, 0.4, 120.0
 # Points per resolution cell of a shape, and its resolution cells to either side of the edge.
@@ -50,8 +51,11 @@ _POOR, _SPREAD = 6.0, 2.0
 _CHANGING, _ALIKE = 0.05, 0.85
 # Least number of independent frames in a block: fewer, below some 10 m/s, leave the shape to chance.
 _LEAST_LOOKS = 4.0
-# Metres by which the fit lies before the nearest point, mean over the shipped kinds of ground (tests/test_ground.py).
+# Metres that are added to the fit: it lies 2 to 6 m before the nearest point in level flight, and up to 3 m beyond it
+# over mountains banked by 40 degrees (tests/test_ground.py, shipped kinds of ground); too low is the safe side.
 _BIAS_M = 1.5
+# Share of the distance from the nearest point to the top by which the fit errs, one deviation.
+_LEAN = 0.05
 # Rise after a dip, and fall, as power ratios, at which ground ends: beyond it powers stay as they are.
 _DIP, _END = 4.0, 0.03
 _BEFORE = 6.0  # resolution cells before the edge in which the shape's side lobes are weighted
@@ -95,8 +99,8 @@ class SpreadGround:
             fitted = self._fit(power - floor, peak, rise, looks)
             if fitted is None:
                 return None
-            edge, deviation, kind, level = fitted
-            variance += 0.25 * deviation**2
+            edge, deviation, top, kind, level = fitted
+            variance += 0.25 * deviation**2 + 0.5 * (_LEAN * top) ** 2
             cells += 0.5 * edge
             weights[half] = self._weights(power, edge, kind, level)
         beat_hz = float(t.beat_hz[0] + cells * t.cell_hz)
@@ -134,8 +138,8 @@ class SpreadGround:
 
     def _fit(
         self, power: np.ndarray, peak: int, rise: int, looks: float
-    ) -> tuple[float, float, int, float] | None:
-        """Cell of the nearest point, its deviation in resolution cells, the likeliest shape there and its level."""
+    ) -> tuple[float, float, float, int, float] | None:
+        """Cell of the nearest point; its deviation and the top, resolution cells; likeliest shape there, its level."""
         t = self.tables
         here = np.interp(rise + _WINDOW * t.resolution_cells, np.arange(power.size), np.maximum(power, 0.0))
         top = here.max()
@@ -151,12 +155,14 @@ class SpreadGround:
         ):
             return None
         share = np.exp(log - best)
-        share = share.sum(axis=(0, 1)) / share.sum()
+        share /= share.sum()
+        top_cells = float(share.sum(axis=(1, 2)) @ self._kinds[kinds, 1])
+        share = share.sum(axis=(0, 1))
         edge = float(share @ _EDGES)
         at = int(np.abs(_EDGES - edge).argmin())
         kind, level = divmod(int(log[..., at].argmax()), len(_LEVELS))
         deviation = float(np.sqrt(share @ (_EDGES - edge) ** 2))
-        return rise + edge * t.resolution_cells, deviation, int(kinds[kind]), _LEVELS[level] * top
+        return rise + edge * t.resolution_cells, deviation, top_cells, int(kinds[kind]), _LEVELS[level] * top
 
     def _possible(self, altitude_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(k,) shapes that an altitude may have, their constants, and factors (a row per shape, level and edge)."""

@@ -20,6 +20,8 @@ CONTRADICTION_SIGMAS = 4.0
 # Least power over noise, linear (13 dB), of the peak by which received frames show the return of the cleaned ones:
 # interference seldom has a peak of both halves there.
 _CLEAR = 20.0
+# Most that noise alone moves a peak from frame to frame, in variances of its place: 5.7 of 320 blocks; more is speckle.
+_NOISE_MOVES = 6.0
 _MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
@@ -158,11 +160,12 @@ class Block:
         w = t.waveform
         per_hz = float(w.beats_to_altitude_m(1.0, 0.0)), float(w.beats_to_vertical_speed_m_per_s(1.0, 0.0))
         apart_hz2 = float(variance[0] - variance[1]) * t.cell_hz**2
+        speckle_hz2 = max(0.0, float((moves - _NOISE_MOVES * variance).sum())) * t.cell_hz**2
         return Measurement(
             altitude_m=float(w.beats_to_altitude_m(up, -down)),
             speed_m_per_s=float(w.beats_to_vertical_speed_m_per_s(up, -down)),
             altitude_variance_m2=hz2 * per_hz[0] ** 2,
-            speed_variance_m2_per_s2=hz2 * per_hz[1] ** 2,
+            speed_variance_m2_per_s2=(hz2 + speckle_hz2) * per_hz[1] ** 2,  # each half has its own
             altitude_speed_covariance=apart_hz2 * per_hz[0] * per_hz[1],
             fluctuation_m2=max(0.0, float((moves - variance).sum())) * (t.cell_hz * per_hz[0]) ** 2,
             strength=entry.strength,
@@ -252,6 +255,12 @@ class Block:
         cells = np.arange(power.shape[1])
         over = [np.interp(found.cells[h], cells, power[h]) / floor[h] - 1.0 for h in range(2)]
         return max(0.0, 0.5 * float(sum(over)))
+
+    def beyond_span(self) -> float:
+        """Power over noise, mean of both halves, of the strongest cells beyond the span; 0 below 13 dB in either."""
+        power, floor, _ = self.sums(len(self.tables.speeds) // 2)
+        over = power[:, self.tables.last :].max(axis=1, initial=0.0) / floor - 1.0
+        return float(over.mean()) if over.min() >= _CLEAR else 0.0
 
     def shows(self, found: Measurement, least: float) -> bool:
         """Whether the block shows another block's return next to its cells: ``least`` strength, 13 dB over noise.

@@ -276,11 +276,16 @@ class AltitudeTracker:
 
     def _scan(self, at: np.ndarray, last: int) -> Scan:
         """The frames at these places of the block that ends with frame ``last``."""
-        ground = self.spread.find(self._received[at])
-        if ground is None and self._beside:  # interference hides it there
+        ground, places = self.spread.find(self._received[at]), at.astype(float)
+        if ground is None and self._beside:  # interference may hide it there
             ground = self.spread.find(self._ratio[at])
+            if ground is not None:  # or a method has widened a point
+                point = Block(self.integrator, self._ratio[at], places).best()
+                received = Block(self.integrator, self._received[at], places)
+                if point is not None and received.shows(point, self._integrity.received_threshold):
+                    ground = None
         weights, edge_m = (np.float32(1.0), 0.0) if ground is None else (ground.weights, ground.deviation_m)
-        block = Block(self.integrator, self._ratio[at] * weights, at.astype(float))
+        block = Block(self.integrator, self._ratio[at] * weights, places)
         beyond = self._beyond[at][np.isfinite(self._beyond[at])]
         return Scan(
             block,
@@ -293,7 +298,7 @@ class AltitudeTracker:
             edge_m=edge_m,
             moments=self._moments[at],
             edge_m_per_s=2.0 * edge_m * self.integrator.speed_per_cell / self.integrator.cell_m,
-            sum_received=(lambda: Block(self.integrator, self._received[at] * weights, at.astype(float)))
+            sum_received=(lambda: Block(self.integrator, self._received[at] * weights, places))
             if self._beside
             else None,
         )

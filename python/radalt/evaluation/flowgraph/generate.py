@@ -10,10 +10,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from ...core.parsing import write_yaml
 from ...core.paths import share_dir
 from ...core.scene import Scene
 from . import FlowgraphError
-from .rewrite import load_grc, prune, save_grc, simulate, tracked, with_second_channel
+from .rewrite import load_grc, prune, simulate, tracked, with_second_channel
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,8 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
 
     Raises FlowgraphError if a block is missing or the flowgraph is not valid; names the first error.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     name = data["options"]["parameters"]["id"]
-    path = folder / f"{name}.grc"
-    save_grc(data, path)
+    path = write_yaml(folder / f"{name}.grc", data, sort_keys=False, width=100)
     platform, flow_graph = _imported(data, path)
     flow_graph.validate()
     dummies = [block.name for block in flow_graph.blocks if block.is_dummy_block]

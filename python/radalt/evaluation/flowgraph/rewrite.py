@@ -28,13 +28,6 @@ def load_grc(path: Path) -> dict[str, Any]:
     return load_yaml(path, what="flowgraph")
 
 
-def save_grc(data: dict[str, Any], path: Path) -> None:
-    """Write a .grc file that the companion opens."""
-    import yaml
-
-    path.write_text(yaml.safe_dump(data, sort_keys=False, width=100), encoding="utf-8")
-
-
 def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
     """The flowgraph, under another identifier, with one simulated channel in place of its UHD blocks.
 

@@ -87,10 +87,10 @@ def _sources(case: Case, flight: Flight, rng: np.random.Generator) -> list[tuple
     if case.scene or case.kind == "drawn":
         interferers, total_sir_db = interferers_of(case, rng)
         shape = w.samples_per_frame, w.rate_hz, rng
-        sent = {"total_sir_db": total_sir_db, "dtype": np.complex64}
 
         def interference(index: np.ndarray) -> np.ndarray:
-            return interference_frames(interferers, index.size, *shape, **sent)
+            out = np.empty((index.size, w.samples_per_frame), np.complex64)
+            return interference_frames(interferers, index.size, *shape, total_sir_db=total_sir_db, out=out)
 
         sources.append((interference, fault if case.kind == "switched_on" else 0))
     return sources
