@@ -16,6 +16,7 @@ from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import PROFILES, FadingChannel
 from radalt.core.interference.nr_grid import resource_grid
 from radalt.core.interference.stream import JammerStream
+from radalt.core.interference.transmission import Transmission
 from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
 
@@ -348,3 +349,21 @@ def test_doppler_gives_clarkes_autocorrelation():
     # Rayleigh: the kurtosis of a complex Gaussian tap is 2.
     tap = np.abs(gains[:, 0, 5]) ** 2
     assert np.mean(tap**2) / np.mean(tap) ** 2 == pytest.approx(2.0, abs=0.2)
+
+
+def test_clock_and_carrier_go_on_over_frames():
+    """Over 20 frames of a stream a wave stays one wave, at its own clock and carrier."""
+
+    class Endless:
+        """A wave as a function of time."""
+
+        def begin(self, rate_hz, rng):
+            return lambda first, count: np.exp(2j * np.pi * 300e3 / rate_hz * (first + np.arange(count)))
+
+    emitter = impaired(Endless(), oscillator=Oscillator(carrier_offset_hz=333.3, clock_ppm=40.0))
+    running = Transmission(emitter, N)
+    got = np.concatenate([running.samples(N, RATE_HZ, np.random.default_rng(0)) for _ in range(20)])
+    moved_hz = 300e3 * (1 + 40e-6) + 333.3
+    wave = np.exp(2j * np.pi * moved_hz / RATE_HZ * np.arange(got.size))
+    gain = np.vdot(wave, got) / got.size
+    assert np.abs(got / gain - wave).max() < 1e-3

@@ -8,6 +8,7 @@ from radalt import Altimeter, AltitudeTracker, TrackerSettings
 from radalt.core.returns import terrain
 from radalt.core.returns.point import point_return
 from radalt.core.tracker.tracker import Status
+from radalt.core.waveform import C_M_PER_S
 
 DEGREE_M = 82_700.0  # of longitude at 42 degrees north
 
@@ -88,3 +89,18 @@ def test_two_levels_at_rest_within_the_peak_err_by_no_more_than_the_protection_l
             given += 1
             assert abs(out["altitude_m"] - altitude_m) <= out["protection_level_m"]
     assert given >= 5
+
+
+@pytest.mark.parametrize("altitude_m", [20.0, 300.0, 1300.0])
+def test_the_moment_of_two_delays_is_that_of_their_complex_amplitudes_and_a_points_is_zero(altitude_m):
+    point = ALTIMETER.moments(ALTIMETER.spectra(point_return(W, np.array([altitude_m]))))[0, :, 0]
+    assert np.sqrt(np.abs(point)).max() < 0.05  # resolution cells: 1 m
+    near, far = np.exp(
+        2j * np.pi * (0.1 - W.carrier_hz * 2.0 * np.array([altitude_m, altitude_m + 6.0]) / C_M_PER_S)
+    )
+    share = 0.5 * far / (near + 0.5 * far)
+    first, second = (point_return(W, altitude_m + m, phase_cycles=0.1) for m in (0.0, 6.0))
+    frame = first + 0.5 * second
+    moments = ALTIMETER.moments(ALTIMETER.spectra(frame[None]))[0, :, 0]
+    expected = np.abs(share * (1.0 - share)) * (6.0 / W.range_resolution_m) ** 2
+    assert np.abs(moments) == pytest.approx(expected, rel=0.15)

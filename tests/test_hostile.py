@@ -167,7 +167,7 @@ OTHERS = {
     make_recording: ("--out=/dev/null/x.sigmf-meta", "--out=x.bin"),
     make_flowgraphs: ("--nonsense",),
     control_client: (
-        "get --control nonsense", "get --control tcp://127.0.0.1:1", "descend", "watch --count=-1",
+        "get --control nonsense", "get --control tcp://127.0.0.1:1", "watch --count=-1",
     ),
 }  # fmt: skip
 

@@ -419,3 +419,29 @@ def test_windows_have_unit_power_and_wrap_cleanly(bandwidth_hz):
     long = emitter.samples(160_000, RATE_HZ, np.random.default_rng(6))
     turn = np.exp(-2j * np.pi * residual_hz * 10e-3)
     np.testing.assert_allclose(long[75_000:] * turn, long[: 160_000 - 75_000], atol=1e-9)
+
+
+@pytest.mark.parametrize(("bandwidth_hz", "carrier_hz"), [(5e6, 4.0e6), (10e6, 0.0), (10e6, -5.05e6)])
+def test_nothing_outside_the_receiver_folds_in(bandwidth_hz, carrier_hz):
+    """The 10 ms signal is periodic: its lines are those of the same signal built at 61.44 MHz, shifted, but
+    for side lobes below -33 dB that OFDM built at 7.68 MHz folds. What of a carrier folded in would be above -15 dB."""
+    emitter = nr.NrEmitter(channel_bandwidth_hz=bandwidth_hz, carrier_hz=carrier_hz)
+    received, _ = emitter.period(RATE_HZ)
+    wide = np.fft.fft(nr.frame_samples(emitter, 4096)) / (4096 * 150)
+    got = np.fft.fft(received) / received.size
+    line = np.arange(-33_000, 33_001)  # +-3.3 MHz in steps of 100 Hz
+    expected = wide[line - round(carrier_hz / 100)]
+    got = got[line]
+    gain = np.vdot(expected, got) / np.vdot(expected, expected)
+    error = np.sum(np.abs(got / gain - expected) ** 2) / np.sum(np.abs(expected) ** 2)
+    assert 10 * np.log10(error) < -33
+
+
+@pytest.mark.parametrize("bandwidth_hz, occupied_hz, margin_hz", [(5e6, 4.46e6, 5e4), (10e6, 9.3e6, 1e5)])
+def test_occupied_bandwidth(bandwidth_hz, occupied_hz, margin_hz):
+    config = nr.NrConfig(channel_bandwidth_hz=bandwidth_hz)
+    samples = nr.frame_samples(config)
+    power = np.fft.fftshift(np.abs(np.fft.fft(samples)) ** 2)
+    share = np.cumsum(power) / power.sum()
+    low, high = np.searchsorted(share, [0.005, 0.995])
+    assert (high - low) * 100.0 == pytest.approx(occupied_hz, abs=margin_hz)

@@ -279,3 +279,10 @@ def test_programme_is_preamble_trials_and_synchronisation_in_order():
     assert programme.next_sync(3) == programme.next_sync(7) == (11, 8)
     assert programme.next_sync(12) == (24, 8) and programme.next_sync(25) is None
     np.testing.assert_array_equal(programme.altitude_m([-1, len(plan)]), 0.0)
+
+
+def test_strong_jammer_after_the_preamble_does_not_shake_the_timing():
+    jammer = Interferer(QpskEmitter(), -40.0, 1.0)
+    run = play(Programme((400.0,), 40), ChannelSettings(snr_db=10.0), 5, jammer=jammer)
+    assert run.segmenter.counters["lock_losses"] == 0 and run.segmenter.counters["acquisitions"] == 1
+    assert len(run.frames) >= 47

@@ -65,6 +65,7 @@ class OnnxNetwork:
 
     def bind(self, tables: Mapping[str, np.ndarray]) -> None:
         """Take the constants of a sweep for the inputs of these names."""
+        self._tables = dict(tables)  # older releases of ONNX Runtime read them where they are
         for name in {entry.name for entry in self._session.get_inputs()} & tables.keys():
             self._binding.bind_ortvalue_input(name, self._ort.OrtValue.ortvalue_from_numpy(tables[name]))
 

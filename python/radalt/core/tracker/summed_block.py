@@ -20,7 +20,7 @@ CONTRADICTION_SIGMAS = 4.0
 # Least power over noise, linear (13 dB), of the peak by which received frames show the return of the cleaned ones:
 # interference seldom has a peak of both halves there.
 _CLEAR = 20.0
-# Most that noise alone moves a peak from frame to frame, in variances of its place: 5.7 of 320 blocks; more is speckle.
+# Most that noise alone moves a peak from frame to frame, in variances of its place (5.7 is the greatest of 320 blocks).
 _NOISE_MOVES = 6.0
 _MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 

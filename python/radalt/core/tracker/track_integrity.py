@@ -135,7 +135,7 @@ class Integrity:
         outdone |= any_speed is not None and _exceeds(any_speed, found, _ANY_SPEED_SIGMAS)
         outdone |= scan.beyond >= self._shares[0]  # farther up
         if scan.ground_m is None:  # spread ground has its peak within the span
-            outdone |= block.beyond_span() >= self._shares[0] * found.power
+            outdone |= block.beyond_span() > self._shares[0] * found.power
         if outdone or lobe_from_beyond(block, found) or block.contradicted(found):
             return True
         here_m = found.altitude_m + scan.residual_m

@@ -26,7 +26,7 @@ def paired(rows: Sequence[Row], one: str, other: str) -> tuple[int, float, float
     Rows of a point and a seed have the same frames; on the air, where none comes twice, those of one ``run``.
     """
     some = ({"run": None, "series": row["method"]} | row for row in rows if row.get("right"))
-    points = grouped(some, "overlap", "sir_db", "snr_db", "seed", "trials", "run").values()
+    points = grouped(some, "interference", "overlap", "sir_db", "snr_db", "seed", "trials", "run").values()
     at_points = ({row["series"]: row for row in mine} for mine in points)
     both = [(at[one], at[other]) for at in at_points if one in at and other in at]
     if not both:
@@ -90,7 +90,9 @@ def said_of_pd(
     shares = {name: f"{pool(mine).pd:.3f}" for name, mine in series_of(rows).items()}
     each = listed(list(dict.fromkeys(shares[name] for name in best)))
     named = [f"{mark}{name}{mark}" for name in best]
-    if after is None and len(best) > 1:
+    if len(shares) == 1:
+        return f"{named[0]}: Pd {each}"
+    if after is None:
         return f"{listed(named)} do not differ: Pd {each}"
     return f"{said(named, 'is', 'are')} right most often: Pd {each}{_without(shares, best)}"
 

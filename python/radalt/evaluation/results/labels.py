@@ -33,6 +33,8 @@ def name_curves(figure: Any, axes: Sequence[Any], *, size: float = 8.5) -> None:
     if end != right:
         axes[0].set_xticks(ticks[:: 1 + len(ticks) // 7])
     for axis, labels in zip(axes, found, strict=True):
+        if labels is None:  # no room at all
+            axis.legend(fontsize=size)
         axis.spines["bottom"].set_bounds(left, right)
         for lines, corner, leader in labels or ():
             _write(axis, lines, corner, leader, size)
@@ -69,7 +71,7 @@ def _labels(axis: Any, size: float) -> list[tuple[dict[str, Any], np.ndarray, np
     shape = np.floor(axis.bbox.size * scale / _CELL).astype(int)
 
     def points(transform: Any, data: Any) -> np.ndarray:
-        found = (transform.transform(data) - axis.bbox.p0) * scale
+        found = (transform.transform(np.reshape(data, (-1, 2))) - axis.bbox.p0) * scale
         return found[np.isfinite(found).all(axis=1)]
 
     def mark(grid: np.ndarray, where: np.ndarray) -> None:
