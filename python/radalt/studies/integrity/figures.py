@@ -8,6 +8,7 @@ import numpy as np
 
 from ...evaluation.results.figure import COLUMN_IN, new_figure, save_figure
 from ...evaluation.results.integrity import Integrity
+from ...evaluation.results.labels import name_curves
 from ...evaluation.results.score import Score
 from ...evaluation.results.style import series_style
 from .cases import ATTITUDES, LANDS
@@ -118,10 +119,19 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
         at = {"transform": bottom.get_yaxis_transform(), "ha": "right", "va": "top", "fontsize": 9}
         bottom.text(0.98, 0.8 * bound, said, **at)
         bottom.set_ylim(bottom=0.15 * bound)
-        top.legend(loc="lower left", fontsize=9, frameon=False)
+        sirs = sorted({r["sir_db"] for r in rows})
+        deep_db = sirs[max(0, len(sirs) // 2 - 1)]  # of the lower half
+        deep = {m: [r for r in rows if r["method"] == m and r["sir_db"] <= deep_db] for m in methods}
+        shares = {m: sum(map(Integrity.of_row, some), Integrity()).availability for m, some in deep.items()}
+        named = sorted(shares, key=shares.__getitem__, reverse=True)
+        figure.suptitle(
+            f"Available at {deep_db:.0f} dB and less:\n{', '.join(f'{m} {shares[m]:.2f}' for m in named)}",
+            fontsize=11,
+        )
     top.set(ylabel="available, tracked", ylim=(-0.02, 1.02))
     bottom.set(ylabel="wrong, per frame", xlabel="SIR over the whole frame / dB")
     for axis in (top, bottom):
         axis.grid(color="0.9")
     bottom.invert_xaxis()  # of both: interference grows to the right
+    name_curves(figure, [top])
     save_figure(figure, path)
