@@ -43,14 +43,14 @@ def lead(rows: Sequence[Row]) -> tuple[list[str], str | None]:
     Two differ by the 95 % interval of their difference on the frames of both; without such frames, by Wilson's.
     """
     best, *others = by_pd(rows)
-    of, leaders = series_of(rows), [best]
+    of, first = series_of(rows), [best]
     for name in others:
         found = paired(rows, best, name)
         apart = pool(of[best]).interval[0] > pool(of[name]).interval[1] if found is None else found[2] > 0
         if apart:
-            return leaders, name
-        leaders.append(name)
-    return leaders, None
+            return first, name
+        first.append(name)
+    return first, None
 
 
 def most_wrong(rows: Sequence[Row]) -> tuple[Score, str]:
