@@ -147,6 +147,9 @@ def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, m
     again = [line for line in capsys.readouterr().out.splitlines() if "HAZARDOUS" in line]
     mine = [e for e in events if e["replay"] == events[0]["replay"]]
     assert [int(line.split()[1]) for line in again] == [int(e["frame_index"]) for e in mine]
+    with pytest.raises(SystemExit):
+        program.main([*small, "--replay", "land/woods/level@1000.5:1"])
+    assert "has 1000.5 m/s over ground; only land/... has one, 0.1 to 999" in capsys.readouterr().err
 
 
 def test_a_campaign_goes_on_to_more_hours(tmp_path, capsys, measured_here, undrawn):
@@ -240,10 +243,8 @@ def test_the_pages_have_the_rates_of_the_stored_flights(root):
     tracker = (root / "docs/tracker.md").read_text("utf-8")
     assert report._attitude_table(land) in tracker
     mine = report._hours_of([r for r in rows if r["method"] == "tcae" and not case_of(r["case"]).known_limit])
-    assert mine["hazardous"] == 0 and f"below {np.ceil(mine['bound']):.0f} per flight hour" in tracker
-    assert f"below {np.ceil(mine['bound']):.0f} per hour behind `tcae`" in (root / "README.md").read_text(
-        "utf-8"
-    )
+    assert mine["hazardous"] == 0 and f"| below {np.ceil(mine['bound']):.0f} |" in tracker
+    assert f"below {np.ceil(mine['bound']):.0f} per hour behind `tcae`" in (root / "README.md").read_text()
 
 
 def test_rates_are_per_flight_hour_and_an_event_is_a_run_of_outputs():
@@ -280,6 +281,11 @@ def test_a_flight_counts_once_however_many_of_its_outputs_are_hazardous():
     assert (claim["hazardous_flights"], claim["flights"]) == (1, 3)
     assert claim["flight_bound"] == pytest.approx(stats.beta.ppf(0.95, 2, 2))
     assert claim["bound"] == pytest.approx(stats.beta.ppf(0.95, 5, 56))
+    # another method on the same flights makes no bound smaller; of 60 outputs 30 have an altitude
+    both = report._claim([f | {"method": m, "computed": 5} for f in flights for m in ("none", "tcae")])
+    assert both["bound"] == claim["bound"] and both["given_bound"] == pytest.approx(
+        stats.beta.ppf(0.95, 5, 26)
+    )
 
 
 def test_a_step_is_in_the_last_quarter_of_a_block_where_the_case_is_outside_the_claim_and_nowhere_else():
