@@ -59,8 +59,8 @@ _LEAN = 0.05
 # Rise after a dip, and fall, as power ratios, at which ground ends: beyond it powers stay as they are.
 _DIP, _END = 4.0, 0.03
 _BEFORE = 6.0  # resolution cells before the edge in which the shape's side lobes are weighted
-# Least power one to four resolution cells beyond the peak over that before it, of ground that only cleaned frames show: a
-# method's lobes lie alike on both sides of a point (1.75 at most), ground lies beyond its peak (1.8 at least).
+# Least power one to four resolution cells beyond the peak over that before it, of ground that only cleaned frames show:
+# a method's lobes lie alike on both sides of a point (1.75 at most), ground lies beyond its peak (1.8 at least).
 _TAIL = 1.8
 
 
