@@ -31,7 +31,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-# -- accuracy ---------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("kind", "snr_db", "low_m", "high_m", "speed", "most"),
     [
@@ -176,7 +175,6 @@ def test_snr_is_the_peak_over_the_noise_of_the_beat_spectrum():
     assert snr.mean() == pytest.approx(-10 + 10 * np.log10(3750) - 1.76, abs=0.6)
 
 
-# -- timing, batches, scale -------------------------------------------------------------------------------------------
 def test_known_timing_offset_is_subtracted_as_delay():
     frames = point_return(W, np.array([200.0, 200.0]) + C / 2 * np.array([0.3, -0.5]) / 7.5e6)
     offsets = np.array([0.3, -0.5]) / 7.5e6
@@ -218,7 +216,6 @@ def test_result_does_not_depend_on_the_level(scale):
         assert scaled[name] == pytest.approx(expected[name], rel=1e-4, abs=1e-3)
 
 
-# -- frames without an altitude ---------------------------------------------------------------------------------------
 def test_unusable_frames_are_invalid_with_their_reason_and_leave_their_neighbours_alone():
     rng = np.random.default_rng(5)
     clean = W.beat_shifted(250.0)
@@ -299,7 +296,6 @@ def test_a_half_sweep_that_shows_no_peak_leaves_the_altitude_to_the_other():
     assert np.median(np.abs(result["forced_altitude_m"] - altitudes)) < 0.3
 
 
-# -- the joint decision -----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("amplitude", "said"), [(0.25, "out_of_range"), (0.9, "out_of_range"), (1.1, "ok")])
 def test_a_stronger_return_beyond_the_span_is_the_return(amplitude, said):
     """At 1200 m the span of 1000 m has ended; what is at 300 m is then a second echo, unless it is stronger."""

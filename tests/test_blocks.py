@@ -117,7 +117,6 @@ def run(*chain, chunk: int = 100_000, also: tuple = (), wires: tuple = ()) -> No
     raise_stored(top.blocks)
 
 
-# -- sources ----------------------------------------------------------------------------------------------------------
 def source_output(make, chunk: int) -> np.ndarray:
     sink = Collect()
     run(make(), sink, chunk=chunk)
@@ -218,7 +217,6 @@ def test_live_overlap_and_sir_take_effect_at_the_next_sweep():
         block.set_overlap(1.2)
 
 
-# -- channel and segmenter --------------------------------------------------------------------------------------------
 def transmitted(scene, frames: int) -> tuple[np.ndarray, np.ndarray]:
     w, programme = scene.waveform, scene.altitude.programme
     radar = np.concatenate([w.beat_shifted(float(programme.altitude_m(i))) for i in range(frames)])
@@ -425,7 +423,6 @@ def test_frames_that_find_no_room_keep_their_samples():
     assert got[: len(expected)].tobytes() == np.stack([f.samples for f in expected]).tobytes()
 
 
-# -- frames: mitigation, altimeter ------------------------------------------------------------------------------------
 def frames_with_tags(count: int) -> tuple[np.ndarray, tuple, np.ndarray]:
     scene = scene_of()
     rng = np.random.default_rng(5)
@@ -539,7 +536,6 @@ def test_endpoint_that_is_taken_is_refused_in_one_line():
     holder.close()
 
 
-# -- errors -----------------------------------------------------------------------------------------------------------
 def test_exception_in_a_block_ends_the_flowgraph_and_is_raised_again(capfd):
     """Unguarded it would hang for ever."""
     scene = scene_of()

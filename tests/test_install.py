@@ -123,7 +123,7 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     overview = run(radalt, cwd=tmp_path, env=kept)
     assert all(f"\n  {name} " in overview for name in programs())
     shown = run(radalt, "collect", "--help", cwd=tmp_path, env=kept)
-    assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
+    assert shown.startswith("usage: radalt collect") and "    radalt collect results/bench_1" in shown
     assert ".venv" not in shown
     done = ran(radalt, "nonsense", cwd=tmp_path, env=kept)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and " collect, control, eval, " in done.stderr

@@ -9,7 +9,7 @@ import numpy as np
 from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.score import pool
-from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
+from ..results.table import DASH, counted, interval, listed, metres, number, signed_metres, table
 from .finding import by_pd, lead, most_wrong, paired, said_of_pd
 from .panels import Row, common, panels, series_of, spread, with_interference
 
@@ -53,7 +53,7 @@ def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
     rows = common(rows)
     where = "all overlaps above 0" if len(rows) == len(measured) else "the points that every method has"
     total, worst = most_wrong(rows)
-    wrong = f"`{worst}`, {total.wrong} of {total.trials}"
+    wrong = f"{listed([f'`{name}`' for name in worst]) or 'every method'}, {total.wrong} of {total.trials}"
     if not total.wrong:
         wrong = f"none of {total.trials} of any method"
     best, after = lead(rows)

@@ -63,11 +63,8 @@ def _labels(axis: Any, size: float) -> list[tuple[dict[str, Any], np.ndarray, np
     """Of lines that coincide, the lines by name, the corner of the names and a leader; None where one has no room."""
     from matplotlib.font_manager import FontProperties
 
-    scale, font, renderer = (
-        72.0 / axis.figure.dpi,
-        FontProperties(size=size),
-        axis.figure.canvas.get_renderer(),
-    )
+    scale, font = 72.0 / axis.figure.dpi, FontProperties(size=size)
+    renderer = axis.figure.canvas.get_renderer()
     shape = np.floor(axis.bbox.size * scale / _CELL).astype(int)
 
     def points(transform: Any, data: Any) -> np.ndarray:
