@@ -245,7 +245,7 @@ def test_the_pages_have_the_rates_of_the_stored_flights(root):
     tracker = (root / "docs/tracker.md").read_text("utf-8")
     assert report._attitude_table(land) in tracker
     mine = report._hours_of([r for r in rows if r["method"] == "tcae" and not case_of(r["case"]).known_limit])
-    assert mine["hazardous"] == 0 and f"| below {np.ceil(mine['bound']):.0f} |" in tracker
+    assert mine["hazardous"] == 0 and f"| ≤ {np.ceil(mine['bound']):.0f} |" in tracker
     assert f"below {np.ceil(mine['bound']):.0f} per hour behind `tcae`" in (root / "README.md").read_text()
 
 
