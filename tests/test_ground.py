@@ -65,6 +65,17 @@ def test_a_point_is_no_spread_ground(speed, snr_db):
         assert tracker.spread.find(tracker.integrator.normalise(spectra)) is None
 
 
+def test_power_down_to_the_lowest_beat_has_no_nearest_point():
+    """Another altimeter that slides through, behind a method: its rise begins before the spectrum does."""
+    tracker = AltitudeTracker(ALTIMETER)
+    cell, peak = np.arange(tracker.integrator.beat_hz.size), tracker.integrator.first + 25
+    power = np.where(
+        cell <= peak, 0.2 + 0.8 * (cell / peak) ** 7, np.maximum(np.exp((peak - cell) / 8.0), 0.005)
+    )
+    ratio = np.random.default_rng(3).exponential(power, (40, 2, cell.size)).astype(np.float32)
+    assert tracker.spread.find(ratio) is None
+
+
 def two_levels(rng: np.random.Generator, altitude_m: float, apart_m: float, level_db: float, count: int):
     """(count, N) of two returns at rest, the farther one of a level against the nearer, their phases drawn."""
     amplitudes = np.array([1.0, 10.0 ** (level_db / 20.0)])
