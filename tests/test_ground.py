@@ -95,9 +95,8 @@ def test_two_levels_at_rest_within_the_peak_err_by_no_more_than_the_protection_l
 def test_the_moment_of_two_delays_is_that_of_their_complex_amplitudes_and_a_points_is_zero(altitude_m):
     point = ALTIMETER.moments(ALTIMETER.spectra(point_return(W, np.array([altitude_m]))))[0, :, 0]
     assert np.sqrt(np.abs(point)).max() < 0.05  # resolution cells: 1 m
-    near, far = np.exp(
-        2j * np.pi * (0.1 - W.carrier_hz * 2.0 * np.array([altitude_m, altitude_m + 6.0]) / C_M_PER_S)
-    )
+    delay_s = 2.0 * np.array([altitude_m, altitude_m + 6.0]) / C_M_PER_S
+    near, far = np.exp(2j * np.pi * (0.1 - W.carrier_hz * delay_s))
     share = 0.5 * far / (near + 0.5 * far)
     first, second = (point_return(W, altitude_m + m, phase_cycles=0.1) for m in (0.0, 6.0))
     frame = first + 0.5 * second

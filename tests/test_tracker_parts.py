@@ -31,14 +31,8 @@ def parts_of(settings: TrackerSettings = TrackerSettings()) -> SimpleNamespace: 
     integrity = Integrity(gate, settings)
     updater = Updater(gate, integrity)
     deleter = Deleter(gate, settings, integrity.search_threshold)
-    return SimpleNamespace(
-        tables=tables,
-        gate=gate,
-        integrity=integrity,
-        updater=updater,
-        deleter=deleter,
-        initiator=Initiator(gate, updater, deleter, settings),
-    )
+    made = {"tables": tables, "gate": gate, "integrity": integrity, "updater": updater, "deleter": deleter}
+    return SimpleNamespace(**made, initiator=Initiator(gate, updater, deleter, settings))
 
 
 def test_what_one_half_sweep_shows_alone_is_no_return():
