@@ -313,7 +313,7 @@ def test_what_is_not_comparable_is_refused_with_folders_key_and_values(tmp_path,
     b = finished(tmp_path / "b", replace(scene, **change(scene)), methods)
     with pytest.raises(PoolError, match=key) as caught:
         collect([a, b], tmp_path / "all")
-    assert str(a) in str(caught.value) and str(b) in str(caught.value) and "\n" not in str(caught.value)
+    assert all(str(folder) in str(caught.value) for folder in (a, b)) and "\n" not in str(caught.value)
     assert not (tmp_path / "all").exists()
 
 

@@ -59,9 +59,9 @@ _LEAN = 0.05
 # Rise after a dip, and fall, as power ratios, at which ground ends: beyond it powers stay as they are.
 _DIP, _END = 4.0, 0.03
 _BEFORE = 6.0  # resolution cells before the edge in which the shape's side lobes are weighted
-# Least power one to four resolution cells beyond the peak over that before it, of ground that only cleaned frames show:
-# a method's lobes lie alike on both sides of a point (1.75 at most), ground lies beyond its peak (1.8 at least).
-_TAIL = 1.8
+# A method's lobes lie alike on both sides of a point, and below the peak: of power one to four resolution cells off, at
+# most so many times as much lies beyond it as before it, and that is in the mean at most -6 dB.
+_ALIKE_SIDES, _LOBES = 1.8, 0.25
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class SpreadGround:
             if not t.first <= peak < t.last or power[peak] < _CLEAR * floor:
                 return None
             rises.append((power, floor, peak, self._rise(power, peak)))
-        if cleaned and self._lopsided(rises) < _TAIL:
+        if cleaned and self._has_lobes(rises):
             return None
         looks = self._looks(ratio, [rise for *_, rise in rises])
         if looks is None:
@@ -115,15 +115,15 @@ class SpreadGround:
         altitude_m = float(t.waveform.beats_to_altitude_m(beat_hz, -beat_hz)) + _BIAS_M
         return Ground(weights, float(np.sqrt(variance)) * self._cell_m, altitude_m)
 
-    def _lopsided(self, rises: list[tuple[np.ndarray, float, int, int]]) -> float:
-        """Power beyond the peaks over that before them, relative to the peaks."""
+    def _has_lobes(self, rises: list[tuple[np.ndarray, float, int, int]]) -> bool:
+        """Whether the peaks have the lobes that a method gives to a point, on both sides."""
         near, far = (round(cells * self.tables.resolution_cells) for cells in (1, 4))
-        after = before = 0.0
+        beyond = before = 0.0
         for power, floor, peak, _ in rises:
-            relative = (power - floor) / power[peak]
-            after += float(relative[peak + near : peak + far].sum())
+            relative = (power - floor) / power[peak] / len(rises) / (far - near)
+            beyond += float(relative[peak + near : peak + far].sum())
             before += float(relative[max(0, peak - far) : max(0, peak - near)].sum())
-        return after / max(before, 1e-9)
+        return beyond < _ALIKE_SIDES * before < _ALIKE_SIDES * _LOBES
 
     def _rise(self, power: np.ndarray, peak: int) -> int:
         """Cell at which the rise to a peak begins."""

@@ -61,9 +61,8 @@ def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
     if found is not None:
         frames, difference, low, high = found
         whose = f"`{best[0]}` " * (len(best) > 1)
-        apart = (
-            f", {whose}{difference:.3f} ({low:.3f} to {high:.3f}) above `{after}` on the same {frames} frames"
-        )
+        level = f"{difference:.3f} ({low:.3f} to {high:.3f})"
+        apart = f", {whose}{level} above `{after}` on the same {frames} frames"
     return (
         f"**{said_of_pd(rows, mark='`')}** over {where}{apart}. "
         f"Most wrong and valid: {wrong} (95 % bound {100 * total.wrong_bound:.2g} %). "
@@ -81,10 +80,8 @@ def against(rows: Sequence[Row], best: str) -> str:
             shown = [NOT_MEASURED] * 2
             if found is not None:
                 frames, difference, low, high = found
-                apart = (
-                    f"{difference:+.3f} ({low:+.3f} to {high:+.3f})" if any(found[1:]) else "no frame differs"
-                )
-                shown = [str(frames), apart]
+                level = f"{difference:+.3f} ({low:+.3f} to {high:+.3f})"
+                shown = [str(frames), level if any(found[1:]) else "no frame differs"]
             lines.append([best, name, *shown])
     return table(["A", "B", "frames of both", "Pd of A less that of B"], lines)
 

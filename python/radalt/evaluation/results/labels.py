@@ -139,9 +139,8 @@ def _place(
     """
 
     def at(grid: np.ndarray, where: np.ndarray) -> np.ndarray:
-        return grid[
-            tuple(np.moveaxis(np.clip(where // _CELL, 0, np.array(grid.shape) - 1).astype(int), -1, 0))
-        ]
+        cells = np.clip(where // _CELL, 0, np.array(grid.shape) - 1).astype(int)
+        return grid[tuple(np.moveaxis(cells, -1, 0))]
 
     wide, tall = np.ceil(extent / _CELL).astype(int) + 1
     sums = np.pad((taken | written).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))

@@ -126,10 +126,8 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
         deep = {m: [r for r in rows if r["method"] == m and r["sir_db"] <= deep_db] for m in methods}
         shares = {m: sum(map(Integrity.of_row, some), Integrity()).availability for m, some in deep.items()}
         named = sorted(shares, key=shares.__getitem__, reverse=True)
-        figure.suptitle(
-            f"Available at {deep_db:.0f} dB and less:\n{', '.join(f'{m} {shares[m]:.2f}' for m in named)}",
-            fontsize=11,
-        )
+        each = ", ".join(f"{m} {shares[m]:.2f}" for m in named)
+        figure.suptitle(f"Available at {deep_db:.0f} dB and less:\n{each}", fontsize=11)
     top.set(ylabel="available, tracked", ylim=(-0.02, 1.02))
     bottom.set(ylabel="wrong, per frame", xlabel="SIR over the whole frame / dB")
     for axis in (top, bottom):
