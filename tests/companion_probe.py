@@ -12,11 +12,10 @@ import subprocess
 import sys
 
 
-def pictured(block) -> list[float]:
-    """Left, top, right, bottom of a block on the canvas, with its ports."""
-    x, y = block.coordinate
-    left = max((port.width for port in block.active_sinks), default=0)
-    right = max((port.width for port in block.active_sources), default=0)
+def pictured(block, ports: bool) -> list[float]:
+    """Left, top, right, bottom of a block on the canvas, with its ports or without."""
+    (x, y), sides = block.coordinate, (block.active_sinks, block.active_sources)
+    left, right = (ports * max((port.width for port in side), default=0) for side in sides)
     return [x - left, y, x + block.width + right, y + block.height]
 
 
@@ -54,12 +53,8 @@ def described(page) -> dict:
             "key": block.key,
             "dummy": block.is_dummy_block,
             "enabled": block.state == "enabled",
-            "box": pictured(block),
-            "inner": [
-                *block.coordinate,
-                block.coordinate[0] + block.width,
-                block.coordinate[1] + block.height,
-            ],
+            "box": pictured(block, True),
+            "inner": pictured(block, False),
         }
         for block in graph.blocks
     ]

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import ROOT, crowd
 
 # Before NumPy is first imported: tests run side by side, and BLAS threads would only get in their way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -19,12 +20,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each program under test co
 for number in (signal.SIGINT, signal.SIGTERM):
     signal.signal(number, signal.default_int_handler)
 
-ROOT = Path(__file__).resolve().parent.parent
 # `radalt` and `gnuradio.radalt` from python/, programs as modules from the other folders.
 sys.path[:0] = [str(ROOT / name) for name in ("python", "flowgraphs", "tools", "training")]
 
 from hostile import draw_nothing, measure_here  # noqa: E402 - found by the line above
-from waiting import crowd  # noqa: E402
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -4,6 +4,7 @@ import contextlib
 import io
 from pathlib import Path
 
+import pytest
 import yaml
 
 from radalt.core.scene import Scene, scene_to_mapping
@@ -46,6 +47,14 @@ def assert_refused(status: int, error: str, said: str = "") -> None:
     """Status 2 and one printable line of at most 300 characters, which says this."""
     assert status == 2 and said in error, (status, error)
     assert_line(error.removesuffix("\n"))
+
+
+@contextlib.contextmanager
+def refused(kind: type[Exception], said: str = ""):
+    """`pytest.raises` of an error that is one line."""
+    with pytest.raises(kind, match=said) as caught:
+        yield caught
+    assert_line(str(caught.value))
 
 
 def assert_line(text: str) -> None:

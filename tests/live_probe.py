@@ -10,9 +10,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from waiting import crowd
+from waiting import ROOT, crowd
 
-ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "python"), str(ROOT / "tests")]
 
 LATE = 300  # frames that may be on their way between a control and an altimeter
@@ -67,21 +66,6 @@ def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
     from gnuradio import uhd
 
     air = uhd_double.Air()
-    send, received = air.send, air.receive
-    given = [0]
-
-    def send_ahead(device: str, samples: np.ndarray) -> None:
-        # a transmitter sends at the sample rate: the double's not more than 100 frames ahead of the receiver
-        while air.sent[device].size > given[0] + 100 * 7500 and not air.ended:
-            time.sleep(0.001)
-        send(device, samples)
-
-    def receive(first: int, count: int) -> np.ndarray:
-        out = received(first, count)
-        given[0] = first + out.size
-        return out
-
-    air.send, air.receive = send_ahead, receive
     uhd.usrp_sink = lambda *args: uhd_double.Sink(air, *args)
     uhd.usrp_source = lambda *args: uhd_double.Source(air, *args)
     radio = {"radar_serial": "R", "jammer_serial": "J", "enclosure": "cabled", "attenuation_db": 40.0}

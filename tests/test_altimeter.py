@@ -31,7 +31,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-# -- accuracy ---------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("kind", "snr_db", "low_m", "high_m", "speed", "most"),
     [
@@ -92,8 +91,7 @@ def test_doppler_cancels_in_the_altitude_and_is_the_vertical_speed():
     altitudes, speeds = rng.uniform(20, 1500, 150), rng.uniform(-150, 150, 150)
     frames = point_return(W, altitudes, vertical_speed_m_per_s=speeds) + noise((150, 7500), 20.0, rng)
     result = FAST.process(frames)
-    assert result["valid"].all()
-    assert rms(result["altitude_m"] - altitudes) < 0.2
+    assert result["valid"].all() and rms(result["altitude_m"] - altitudes) < 0.2
     assert np.abs(result["vertical_speed_m_per_s"] - speeds).max() < 1.0  # a hertz of Doppler is 3.5 cm/s
     doppler = (result["beat_up_hz"] + result["beat_down_hz"]) / 2
     np.testing.assert_allclose(doppler, 2 * speeds * 4.3e9 / C, atol=30.0)
@@ -160,7 +158,7 @@ def test_a_cell_is_blind_for_its_own_delay_and_no_longer():
 @pytest.mark.parametrize(("strategy", "within_m"), [("strongest", 0.05), ("leading_edge", 0.3)])
 def test_cells_too_many_for_a_blind_part_each_have_one_in_common(strategy, within_m):
     """2,500 cells of 1 m."""
-    w, altitudes = Waveform(bandwidth_hz=150e6, sweep_s=0.1e-3, rate_hz=150e6), np.linspace(60, 2490, 97)
+    w, altitudes = Waveform(bandwidth_hz=150e6, sweep_s=0.1e-3, rate_hz=150e6), np.linspace(60, 2490, 49)
     altimeter = Altimeter(w, AltimeterSettings(max_altitude_m=2500.0, strategy=strategy))
     found = altimeter.process(point_return(w, altitudes))["altitude_m"]
     np.testing.assert_allclose(found, altitudes, rtol=0, atol=within_m)
@@ -176,7 +174,6 @@ def test_snr_is_the_peak_over_the_noise_of_the_beat_spectrum():
     assert snr.mean() == pytest.approx(-10 + 10 * np.log10(3750) - 1.76, abs=0.6)
 
 
-# -- timing, batches, scale -------------------------------------------------------------------------------------------
 def test_known_timing_offset_is_subtracted_as_delay():
     frames = point_return(W, np.array([200.0, 200.0]) + C / 2 * np.array([0.3, -0.5]) / 7.5e6)
     offsets = np.array([0.3, -0.5]) / 7.5e6
@@ -218,7 +215,6 @@ def test_result_does_not_depend_on_the_level(scale):
         assert scaled[name] == pytest.approx(expected[name], rel=1e-4, abs=1e-3)
 
 
-# -- frames without an altitude ---------------------------------------------------------------------------------------
 def test_unusable_frames_are_invalid_with_their_reason_and_leave_their_neighbours_alone():
     rng = np.random.default_rng(5)
     clean = W.beat_shifted(250.0)
@@ -243,8 +239,7 @@ def test_sweeps_that_disagree_beyond_doppler_are_no_target():
     up, down = W.beat_shifted(200.0), W.beat_shifted(900.0)
     frame = np.concatenate([up[:3750], down[3750:]]) + noise((7500,), 20.0, np.random.default_rng(1))
     result = Altimeter(W).process(frame[None])[0]
-    assert Reason.NAMES[result["reason"]] == "sweeps_disagree"
-    assert not result["valid"]
+    assert (Reason.NAMES[result["reason"]], bool(result["valid"])) == ("sweeps_disagree", False)
 
 
 @pytest.mark.parametrize("altitude", [165.0, 170.0, 175.0, 425.0, 430.0, 435.0])
@@ -299,7 +294,6 @@ def test_a_half_sweep_that_shows_no_peak_leaves_the_altitude_to_the_other():
     assert np.median(np.abs(result["forced_altitude_m"] - altitudes)) < 0.3
 
 
-# -- the joint decision -----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("amplitude", "said"), [(0.25, "out_of_range"), (0.9, "out_of_range"), (1.1, "ok")])
 def test_a_stronger_return_beyond_the_span_is_the_return(amplitude, said):
     """At 1200 m the span of 1000 m has ended; what is at 300 m is then a second echo, unless it is stronger."""
@@ -351,9 +345,8 @@ def test_a_speed_from_the_track_decides_between_grating_lobes():
 
 @pytest.mark.parametrize(("window", "closed_form_db"), [("boxcar", 13.3), ("hann", 31.5), ("blackman", 58.1)])
 def test_peak_to_sidelobe_ratio_of_a_point_target_is_that_of_the_window(window, closed_form_db):
-    altimeter = Altimeter(W, AltimeterSettings(window=window))
-    ratio_db = altimeter.process(W.beat_shifted(305.0)[None])["peak_to_sidelobe_db"][0]
-    assert ratio_db == pytest.approx(closed_form_db, abs=0.5)
+    result = Altimeter(W, AltimeterSettings(window=window)).process(W.beat_shifted(305.0)[None])
+    assert result["peak_to_sidelobe_db"][0] == pytest.approx(closed_form_db, abs=0.5)
 
 
 def test_peak_to_sidelobe_ratio_of_two_returns_is_that_of_their_powers():
@@ -395,6 +388,5 @@ def test_impossible_intervals_of_speed_are_refused(interval):
 
 
 def test_no_guard_cells_is_a_setting():
-    altimeter = Altimeter(Waveform(), AltimeterSettings(guard_cells=0.0))
-    result = altimeter.process(Waveform().beat_shifted(300.0)[None].astype(np.complex64))
+    result = Altimeter(W, AltimeterSettings(guard_cells=0.0)).process(W.beat_shifted(300.0)[None])
     assert abs(result["forced_altitude_m"][0] - 300.0) < 1.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from frames import W
-from hostile import draw_nothing
+from hostile import draw_nothing, refused
 from waiting import ran_python
 
 import radalt
@@ -94,8 +94,7 @@ except ImportError as error:
 
 
 def test_neither_gnu_radio_nor_posix_is_needed(root, tmp_path):
-    done = ran_python("-c", WITHOUT, tmp_path / "run", cwd=root / "python")
-    assert done.returncode == 0, done.stderr
+    done = ran_python("-c", WITHOUT, tmp_path / "run", cwd=root / "python", check=True)
     assert re.match(r"radalt.mitigation is a GNU Radio block, and \S+ has no GNU Radio; .*\n$", done.stdout)
 
 
@@ -151,14 +150,12 @@ def test_a_function_is_a_method_for_as_long_as_it_is_asked_for(ten_lines):
 )
 def test_what_does_not_fit_is_one_line(call, message, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=message) as raised:
+    with refused(ValueError, message):
         call()
-    assert "\n" not in str(raised.value)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_report_in_memory_has_the_rows_of_a_folder_whatever_numpy_is_told(tmp_path, monkeypatch, undrawn):
-    """And nothing is written."""
     monkeypatch.chdir(tmp_path)
     scene = {"interference": {"nr": {}}, "channel": {"snr_db": 10.0}, "altitude": {"programme_m": [90.0]}}
     given = {"methods": "hybrid", "overlap": 1, "sir_db": [-50, -20], "frames": 4, "progress": False}
@@ -181,10 +178,9 @@ def test_ctrl_c_is_one_line_that_says_what_is_kept(tmp_path, monkeypatch, capsys
         lambda *a: chain(*a) if next(measured, 1) is None else stop(),
     )
     monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    few = {"altitude_m": 90, "frames": 2, "snr_db": [10, 20], "progress": False}
     with pytest.raises(KeyboardInterrupt) as stopped:
-        radalt.evaluate(
-            "clear", "none", altitude_m=[90], frames=2, snr_db=[10, 20], out=tmp_path / "run", progress=False
-        )
+        radalt.evaluate("clear", "none", **few, out=tmp_path / "run")
     sys.excepthook(stopped.type, stopped.value, stopped.tb)
     line = f"stopped; 1 of 2 points are kept, go on with resume=True and out='{tmp_path}/run'\n"
     assert capsys.readouterr().err == line
@@ -210,9 +206,7 @@ def test_a_report_prints_and_converts(ten_lines):
     assert str(report.break_points()).startswith("| method | interference |")
     assert str(report.html) in str(report) and "<td>my_function</td>" in report._repr_html_()
     assert radalt.Report.read(report.folder).content == report.content
-    figure = report.plot()
-    assert figure.axes[0].get_xlabel().startswith("SIR")
-    figure.axes[0].figure.clear()
+    assert report.plot().axes[0].get_xlabel().startswith("SIR")
 
 
 def test_none_is_nan_and_pandas_takes_it_where_it_is():
@@ -225,13 +219,9 @@ def test_none_is_nan_and_pandas_takes_it_where_it_is():
 @pytest.mark.parametrize("channel", [{"jammer_clock_ppm": -20.0}, {"jammer_delay_samples": 7000.5}, {}])
 def test_trials_are_the_same_where_the_preamble_before_them_is_left_out(channel):
     """What lies farther back than the channel's memory is not simulated."""
-    scene = parse_scene(
-        {
-            "altitude": {"programme_m": [900.0], "frames": 3, "mode": "true_delay", "preamble_frames": 12},
-            "interference": {"qpsk": {"sir_db": -10.0}},
-            "channel": channel,
-        }
-    )
+    altitude = {"programme_m": [900.0], "frames": 3, "mode": "true_delay", "preamble_frames": 12}
+    qpsk = {"qpsk": {"sir_db": -10.0}}
+    scene = parse_scene({"altitude": altitude, "interference": qpsk, "channel": channel})
     frames = scene.altitude.programme.total_frames
     whole, short = (np.concatenate([s for _, s in received(scene, frames, trials_only=t)]) for t in (0, 1))
     trials = 3 * scene.waveform.samples_per_frame

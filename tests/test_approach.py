@@ -2,17 +2,18 @@
 
 import csv
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from hostile import refused
+from waiting import ROOT
 
 from radalt.core.deramp.profile import load_profile
 from radalt.core.parsing import InputError
 from radalt.studies.tolerance.approach import Station, load_approach
 from radalt.studies.tolerance.command import main
 
-SHIPPED = Path(__file__).resolve().parent.parent / "flowgraphs/approaches/glide_path.yaml"
+SHIPPED = ROOT / "flowgraphs/approaches/glide_path.yaml"
 C = 299_792_458.0
 
 
@@ -51,9 +52,8 @@ def test_power_is_that_of_friis_of_two_rays_and_of_none_beyond_the_horizon():
 def test_a_wrong_value_gets_one_line(tmp_path, old, new, message):
     (tmp_path / "base_station.csv").write_text((SHIPPED.parent / "base_station.csv").read_text())
     (tmp_path / "mine.yaml").write_text(SHIPPED.read_text().replace(old, new, 1))
-    with pytest.raises(InputError, match=message) as error:
+    with refused(InputError, message):
         load_approach(tmp_path / "mine.yaml")
-    assert "\n" not in str(error.value)
 
 
 def test_an_approach_says_what_broke_where(tmp_path, measured_here, undrawn):
@@ -67,7 +67,6 @@ def test_an_approach_says_what_broke_where(tmp_path, measured_here, undrawn):
         assert main([*options, "--out", str(tmp_path / name)]) == 0
         rows = list(csv.DictReader((tmp_path / name / "rows.csv").open()))
         assert [float(r["along_m"]) for r in rows] == [6000.0, 3000.0, 0.0]
-        assert all((r["failed"] == "none") == (name == "allowed") for r in rows)
-        for r in rows:
-            assert (float(r["power_dbm"]) > float(r["break_dbm"])) == (name == "loud")
+        assert {r["failed"] == "none" for r in rows} == {name == "allowed"}
+        assert {float(r["power_dbm"]) > float(r["break_dbm"]) for r in rows} == {name == "loud"}
         assert "Glide path of 3 degrees" in (tmp_path / name / "report.md").read_text()

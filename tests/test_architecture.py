@@ -2,12 +2,9 @@
 
 import functools
 from graphlib import CycleError, TopologicalSorter
-from pathlib import Path
 
 import draw_architecture as architecture
 import pytest
-
-ROOT = Path(__file__).resolve().parent.parent
 
 every = functools.cache(architecture.imports)
 
@@ -32,13 +29,8 @@ def circle(imports):
 
 def upward(imports):
     """Imports of a room that stands after the importing one, within functions too."""
-    rooms = architecture.ROOMS
-    return [
-        entry
-        for (source, target), found in architecture.between_rooms(imports).items()
-        if rooms.index(source) < rooms.index(target)
-        for entry in found
-    ]
+    place, between = architecture.ROOMS.index, architecture.between_rooms(imports)
+    return [entry for (one, other), found in between.items() if place(one) < place(other) for entry in found]
 
 
 def test_no_import_points_up():
@@ -71,7 +63,6 @@ def test_imports_within_functions_close_no_circle_in_core_but_those_with_a_reaso
 
 
 def test_nothing_imports_a_study_and_no_study_another():
-    """`evaluation.programs` finds their commands by scanning."""
     for entry in every():
         if entry.target.startswith("studies."):
             assert entry.source.split(".")[:2] == entry.target.split(".")[:2], entry
@@ -97,10 +88,8 @@ def test_every_module_has_its_room():
 )
 def test_an_arrow_up_is_found_however_it_is_written(tmp_path, line, lazy):
     package = tmp_path / "radalt"
-    for room in ("core/altimeter", "core/scene"):
-        (package / room).mkdir(parents=True)
-        (package / room / "__init__.py").write_text("")
-    for room in ("", "core"):
+    for room in ("core/altimeter", "core/scene", "core", ""):
+        (package / room).mkdir(parents=True, exist_ok=True)
         (package / room / "__init__.py").write_text("")
     (package / "core/scene/thing.py").write_text("from ..altimeter import cfar\n")
     (package / "core/altimeter/cfar.py").write_text(line + "\n")
@@ -114,6 +103,5 @@ def test_an_arrow_up_is_found_however_it_is_written(tmp_path, line, lazy):
 
 
 def test_the_figure_is_what_the_code_gives():
-    assert architecture.FIGURE.read_text(encoding="utf-8") == architecture.draw(), (
-        "run: .venv/bin/python tools/draw_architecture.py"
-    )
+    drawn = architecture.FIGURE.read_text(encoding="utf-8")
+    assert drawn == architecture.draw(), "run: .venv/bin/python tools/draw_architecture.py"

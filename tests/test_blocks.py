@@ -117,7 +117,6 @@ def run(*chain, chunk: int = 100_000, also: tuple = (), wires: tuple = ()) -> No
     raise_stored(top.blocks)
 
 
-# -- sources ----------------------------------------------------------------------------------------------------------
 def source_output(make, chunk: int) -> np.ndarray:
     sink = Collect()
     run(make(), sink, chunk=chunk)
@@ -139,9 +138,7 @@ SOURCES = {
 def test_source_is_the_same_in_any_chunks(name):
     scene = scene_of()
     outputs = [source_output(lambda: SOURCES[name](scene), chunk) for chunk in CHUNKS]
-    assert outputs[0].size == 22 * N
-    for other in outputs[1:]:
-        assert other.tobytes() == outputs[0].tobytes()
+    assert outputs[0].size == 22 * N and len({played.tobytes() for played in outputs}) == 1
 
 
 def test_recording_source_is_the_same_in_any_chunks_at_its_sir(tmp_path):
@@ -194,12 +191,10 @@ def test_live_altitude_takes_effect_at_the_next_sweep():
     told = []
     # a tag needs the scheduler's buffers
     block.add_item_tag = lambda port, offset, key, value: told.append(pmt.to_python(value).tolist())
-    waveform = scene.waveform
-    first = 8  # the preamble stays at zero, whatever is set
-    pull(block, first * N)
-    np.testing.assert_array_equal(pull(block, N), waveform.beat_shifted(100.0))
+    pull(block, 8 * N)  # the preamble stays at zero, whatever is set
+    np.testing.assert_array_equal(pull(block, N), scene.waveform.beat_shifted(100.0))
     block.set_altitude(700.0)
-    np.testing.assert_array_equal(pull(block, N), waveform.beat_shifted(700.0))
+    np.testing.assert_array_equal(pull(block, N), scene.waveform.beat_shifted(700.0))
     assert told == [[0, 100], [9, 700]]
     np.testing.assert_array_equal(block.altitude_m(np.arange(7, 11)), [0, 100, 700, 700])
     with pytest.raises(ValueError, match="altitude_m is 1000000.0; it has to be within 0.."):
@@ -222,7 +217,6 @@ def test_live_overlap_and_sir_take_effect_at_the_next_sweep():
         block.set_overlap(1.2)
 
 
-# -- channel and segmenter --------------------------------------------------------------------------------------------
 def transmitted(scene, frames: int) -> tuple[np.ndarray, np.ndarray]:
     w, programme = scene.waveform, scene.altitude.programme
     radar = np.concatenate([w.beat_shifted(float(programme.altitude_m(i))) for i in range(frames)])
@@ -254,13 +248,8 @@ def test_channel_block_is_the_channel_in_any_chunks_with_rx_time_at_every_gap(se
     radar, jammer, pieces, gaps = through_channel(scene)
     block, sink = radalt.simulated_channel(scene, jammer=True), Collect()
     sources = Ragged(radar, seed), Ragged(jammer, None if seed is None else seed + 10)
-    run(
-        block,
-        sink,
-        chunk=100_000 if seed is None else 5003,
-        also=sources,
-        wires=tuple(((source, 0), (block, port)) for port, source in enumerate(sources)),
-    )
+    wires = tuple(((source, 0), (block, port)) for port, source in enumerate(sources))
+    run(block, sink, chunk=100_000 if seed is None else 5003, also=sources, wires=wires)
     assert sink.data.tobytes() == np.concatenate([samples for _, samples in pieces]).tobytes()
     tags = [(at, round(sum(value) * 7.5e6)) for at, key, value in sink.tags if key == "rx_time"]
     assert tags == gaps and len(gaps) == 4
@@ -355,11 +344,8 @@ def test_a_tag_of_another_program_is_one_line_and_counted(capfd):
     """rx_time, radalt_altitude and radalt_frame of other shapes: the frames are those of the stream without them."""
     scene = scene_of(**QUIET, altitude={"programme_m": [300.0], "frames": 10})
     radar, _ = transmitted(scene, scene.altitude.programme.total_frames)
-    foreign = (
-        pmt.intern("soon"),
-        pmt.from_double(1.0),
-        pmt.make_tuple(pmt.from_uint64(2**60), pmt.from_double(0)),
-    )
+    far = pmt.make_tuple(pmt.from_uint64(2**60), pmt.from_double(0))
+    foreign = pmt.intern("soon"), pmt.from_double(1.0), far
     bad = [(9 * N + k, pmt.intern("rx_time"), value) for k, value in enumerate(foreign)]
     bad += [(9 * N + 9, pmt.intern("radalt_altitude"), pmt.init_f64vector(1, [5.0]))]
     (_, clean, _), (block, sink, _) = (segmented(scene, radar, tags, None) for tags in ([], bad))
@@ -378,11 +364,11 @@ def test_a_second_without_altitudes_is_one_line_and_so_is_their_return(capfd):
     scene = scene_of(interference=None, altitude={"programme_m": [300.0], "frames": 10})
     sweep, rng = scene.waveform.beat_shifted(300.0), np.random.default_rng(1)
     sink = radalt.altimeter_sink(scene, method="whitening")
-    for amplitude in (1.0, 0.0, 0.0, 1.0, 1.0):
+    noise = rng.normal(size=(100, N, 2)).view(complex)[..., 0]
+    jammed, clean = (sink.altimeter.process((a * sweep + noise).astype(np.complex64)) for a in (0.0, 1.0))
+    for results in (clean, jammed, jammed, clean, clean):
         for _ in range(10):
-            noise = rng.normal(size=(100, N, 2)).view(complex)[..., 0]
-            frames = (amplitude * sweep + noise).astype(np.complex64)
-            sink._watch(sink.altimeter.process(frames))
+            sink._watch(results)
     first, second = lines(capfd.readouterr().out)
     assert re.search(r"whitening: \d+ of the last 1000 frames gave an altitude within", first)
     assert second.endswith("whitening: 1000 of the last 1000 frames gave an altitude again")
@@ -437,19 +423,15 @@ def test_frames_that_find_no_room_keep_their_samples():
     assert got[: len(expected)].tobytes() == np.stack([f.samples for f in expected]).tobytes()
 
 
-# -- frames: mitigation, altimeter ------------------------------------------------------------------------------------
 def frames_with_tags(count: int) -> tuple[np.ndarray, tuple, np.ndarray]:
     scene = scene_of()
     rng = np.random.default_rng(5)
     frames = returns(rng, count, 17.0)[1].astype(np.complex64)
     offsets = rng.uniform(-0.5, 0.5, count) / 7.5e6
     quality = FrameQuality(scene.waveform, scene.altimeter_settings.max_altitude_m)(frames)
-    key = pmt.intern("radalt_frame")
-    tags = tuple(
-        (i, key, frame_tag(Frame(100 + i, i * N, frames[i], offsets[i]), np.nan, quality[i]))
-        for i in range(count)
-    )
-    return frames, tags, offsets
+    told = (Frame(100 + i, i * N, frames[i], offsets[i]) for i in range(count))
+    tags = (frame_tag(frame, np.nan, q) for frame, q in zip(told, quality, strict=True))
+    return frames, tuple((i, pmt.intern("radalt_frame"), tag) for i, tag in enumerate(tags)), offsets
 
 
 @pytest.mark.parametrize("method", ["none", "lms", "nlms", "whitening", "blanking"])
@@ -478,7 +460,6 @@ def test_altimeter_sink_gives_the_altimeters_results_and_one_message_a_frame(see
     block, sink = radalt.altimeter_sink(scene, method="whitening"), Messages()
     run(Ragged(frames, seed, tags), block, also=(sink,), wires=(((block, "result"), (sink, "in")),))
     assert block.results().tobytes() == expected.tobytes()
-    assert len(sink.seen) == 30
     for message, row in zip(sink.seen, expected, strict=True):
         assert message.keys() == {*RESULT_DTYPE.names, "version", "method", "truth_m"}
         assert (message["version"], message["method"]) == (1, "whitening")
@@ -555,7 +536,6 @@ def test_endpoint_that_is_taken_is_refused_in_one_line():
     holder.close()
 
 
-# -- errors -----------------------------------------------------------------------------------------------------------
 def test_exception_in_a_block_ends_the_flowgraph_and_is_raised_again(capfd):
     """Unguarded it would hang for ever."""
     scene = scene_of()

@@ -28,9 +28,8 @@ def test_a_dip_is_where_it_breaks_however_well_it_holds_below():
 
 
 def test_the_grids_ends_stay_open():
-    assert break_point([-10, -20], [0.95, 0.92]).mark == "<="
-    assert break_point([-10, -20], [0.5, 0.2]).mark == ">="
-    assert break_point([-10, -20], [math.nan, 0.2]).mark == ">="  # nothing measured is no success
+    curves = [0.95, 0.92], [0.5, 0.2], [math.nan, 0.2]  # nothing measured is no success
+    assert [break_point([-10, -20], pd).mark for pd in curves] == ["<=", ">=", ">="]
 
 
 def test_bounds_of_pd_give_an_interval_of_the_break_point():

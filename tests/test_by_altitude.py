@@ -9,13 +9,8 @@ import pytest
 from radalt.core.altimeter.altimeter import RESULT_DTYPE
 from radalt.core.programme import Programme
 from radalt.core.scene import Scene
-from radalt.evaluation.overlap.altitudes import (
-    ERRORS_M,
-    altitude_rows,
-    pool_altitudes,
-    rmse_interval,
-    with_intervals,
-)
+from radalt.evaluation.overlap import altitudes
+from radalt.evaluation.overlap.altitudes import ERRORS_M, altitude_rows, rmse_interval
 from radalt.evaluation.overlap.figures import draw_error_cdf, draw_pd_by_altitude
 from radalt.evaluation.overlap.points import OverlapPoint
 from radalt.evaluation.results.score import score
@@ -48,7 +43,7 @@ def test_rows_by_altitude_add_up_to_the_studys():
     results = measured(scene.altitude.programme)
     rows = altitude_rows(scene, POINT, {"none": results})
     assert [(r["altitude_low_m"], r["trials"]) for r in rows] == [(40.0, 50), (300.0, 50), (900.0, 50)]
-    whole, expected = pool_altitudes(rows), score(results, scene.altitude.programme).row()
+    whole, expected = altitudes.pool_altitudes(rows), score(results, scene.altitude.programme).row()
     for name in ("trials", "detections", "correct", "forced", "wrong_far", "wrong_bound"):
         assert whole[name] == expected[name], name
     for name in ("pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m", "bias_m"):
@@ -76,13 +71,10 @@ def test_a_landing_is_taken_together_in_bands():
 def test_rmse_interval_covers_the_true_value():
     """Normal errors of 2 m, 150 frames, 2,000 repetitions: 95 % within two standard deviations."""
     rng = np.random.default_rng(3)
-    errors = rng.normal(0.0, 2.0, (2000, 150))
-    square, fourth = (errors**2).mean(axis=1), (errors**4).mean(axis=1)
-    covered = 0
-    for s, f in zip(square, fourth, strict=True):
-        low, high = rmse_interval({"forced": 150, "rmse_forced_m": np.sqrt(s), "fourth_forced_m4": f})
-        covered += low <= 2.0 <= high
-    assert 0.93 <= covered / 2000 <= 0.97
+    moments = ((np.sqrt(np.mean(e**2)), np.mean(e**4)) for e in rng.normal(0.0, 2.0, (2000, 150)))
+    rows = [{"forced": 150, "rmse_forced_m": rms, "fourth_forced_m4": fourth} for rms, fourth in moments]
+    low, high = np.transpose([rmse_interval(row) for row in rows])
+    assert 0.93 <= np.mean((low <= 2.0) & (high >= 2.0)) <= 0.97
 
 
 def test_rmse_without_a_decision_has_no_interval():
@@ -93,11 +85,11 @@ def test_rmse_without_a_decision_has_no_interval():
     results["forced_altitude_m"] = np.nan
     rows = altitude_rows(scene, POINT, {"none": results})
     study = {key: rows[0][key] for key in ("method", "interference", "overlap", "sir_db", "snr_db")}
-    assert with_intervals([study], rows) == [study | {"rmse_low_m": None, "rmse_high_m": None}]
-    assert with_intervals([study], []) == [study]
+    assert altitudes.with_intervals([study], rows) == [study | {"rmse_low_m": None, "rmse_high_m": None}]
+    assert altitudes.with_intervals([study], []) == [study]
 
 
-def test_figures_by_altitude_have_at_most_six_panels_from_the_first_sir_to_the_last(tmp_path):
+def test_figures_by_altitude_have_at_most_six_panels_from_the_first_sir_to_the_last(tmp_path, undrawn):
     scene = scene_of((900.0, 300.0), 10)
     results = {"none": measured(scene.altitude.programme)}
     points = [OverlapPoint.at(1.0, sir_db, 10.0) for sir_db in range(-48, 1, 4)]

@@ -101,9 +101,8 @@ def test_jammer_lo_offset_shifts_its_spectrum_without_a_seam():
 @pytest.mark.parametrize("ppm", [-20.0, 20.0])
 def test_jammer_clock_drifts_by_its_parts_per_million(ppm):
     """A tone of 0.1 cycles a sample arrives at that of the jammer's clock; after 36 frames 20 ppm are 5.4 samples."""
-    frames = 40
-    tone = np.exp(2j * np.pi * 0.1 * np.arange(frames * N))
-    out = play(replace(PLAIN, jammer_clock_ppm=ppm), None, tone, frames=frames)[3 * N :]
+    tone = np.exp(2j * np.pi * 0.1 * np.arange(40 * N))
+    out = play(replace(PLAIN, jammer_clock_ppm=ppm), None, tone, frames=40)[3 * N :]
     ahead = np.unwrap(np.angle(out * tone[3 * N :].conj())) / (2 * np.pi * 0.1)
     assert ahead[-1] - ahead[0] == pytest.approx(ppm * 1e-6 * 36 * N, abs=0.01)
     assert power_db(out) == pytest.approx(0.0, abs=0.1)
@@ -152,8 +151,7 @@ def test_converter_noise_is_a_twelfth_of_the_step_squared(bits):
 def test_converter_clips_at_full_scale():
     x = 10 * band_limited(FRAMES * N)
     rails = play(replace(PLAIN, adc_bits=12, full_scale=4.0), x).view(np.float32)
-    assert rails.min() == -4.0
-    assert rails.max() == pytest.approx(4.0 * (2047 / 2048))
+    assert (rails.min(), rails.max()) == (-4.0, pytest.approx(4.0 * (2047 / 2048)))
     one_bit = np.unique(play(replace(PLAIN, adc_bits=1, full_scale=4.0), x)[2 * N :].view(np.float32))
     np.testing.assert_allclose(one_bit, [-2.0, 2.0])
 
@@ -164,8 +162,7 @@ def test_true_delay_is_the_return_of_the_whole_signal_formula(altitude, speed):
     programme = Programme((altitude,), 10, vertical_speed_m_per_s=speed)
     x = np.tile(W.reference, 20)
     out = play(PLAIN, x, frames=20, true_delay=programme)
-    frame = 12
-    received = out[frame * N + 100 : (frame + 1) * N + 100]
+    received = out[12 * N + 100 : 13 * N + 100]
     expected = point_return(W, altitude, vertical_speed_m_per_s=speed)
     coherence = abs(np.vdot(expected, received)) / np.linalg.norm(expected) / np.linalg.norm(received)
     assert coherence**2 > 0.998
@@ -209,11 +206,9 @@ def test_gaps_are_all_there_and_what_is_left_is_untouched():
     frames, settings = 300, replace(PLAIN, drops=DropSettings(25, 100, 20_000))
     x = band_limited(frames * N).astype(np.complex64)
     whole = play(PLAIN, x, frames=frames)
-    channel = SimulatedChannel(W, settings, seed=3, frames=frames)
-    gaps = channel.gaps
-    assert len(gaps) == 25
-    kept = np.ones(frames * N, bool)
-    for first, length in gaps:
+    channel, kept = SimulatedChannel(W, settings, seed=3, frames=frames), np.ones(frames * N, bool)
+    assert len(channel.gaps) == 25
+    for first, length in channel.gaps:
         assert 100 <= length <= 20_000 and first >= 20 * N
         kept[first : first + length] = False
     expected, got = 0, np.zeros(frames * N, bool)
@@ -290,8 +285,7 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
             out = np.full(count * n, np.nan, np.complex64) if in_place else None
             pieces = channel.process(sent[span], None if jammer is None else jammer[span], out)
             for counter, samples in pieces:
-                got.append(counter + np.arange(samples.size))
-                got.append(samples.copy())
+                got += counter + np.arange(samples.size), samples.copy()
                 if in_place:
                     assert samples.tobytes() == out[counter - at :][: samples.size].tobytes()
             at += count * n

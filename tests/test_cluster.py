@@ -12,7 +12,7 @@ from pathlib import Path
 
 import ota_eval
 import pytest
-from hostile import draw_nothing, ended, measure_here
+from hostile import draw_nothing, ended, measure_here, refused
 from test_engine import Coins, rows_of
 from test_ota_eval import stable
 from waiting import crowd, end_of, started, wait_for, written
@@ -25,7 +25,7 @@ from radalt.evaluation.engine.run import run
 from radalt.evaluation.overlap.study import OverlapStudy
 
 cluster = pytest.importorskip("radalt.evaluation.engine.cluster")
-SWEEP = "--methods none,tcae,custom --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
+SWEEP = "--methods none,tcae,custom --overlap 0,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
 
 
 class Processes:
@@ -42,11 +42,10 @@ class Processes:
         self.address = json.loads(self.file.read_text(encoding="utf-8"))["address"]
 
     def _start(self, kind, *arguments, env):
-        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(self.file)]
+        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", self.file]
         log = (self.folder / "log.txt").open("a")
-        return started(
-            *command, "--no-dashboard", *arguments, cwd=self.folder, env=env, stdout=log, stderr=log
-        )
+        command += "--no-dashboard", *arguments
+        return started(*command, cwd=self.folder, env=env, stdout=log, stderr=log)
 
     def add_worker(self, *arguments) -> None:
         options = ("--nthreads", "1", "--local-directory", str(self.folder / f"worker{len(self.workers)}"))
@@ -151,11 +150,8 @@ def test_an_error_of_a_task_is_the_users_line_and_a_mistake_in_it_is_raised(dask
 def test_another_version_on_a_worker_is_refused_in_one_line(dask, tmp_path, monkeypatch):
     real, name = cluster.installed(False), "radalt source"
     monkeypatch.setattr(cluster, "installed", lambda _: real | {name: "0.0.7"})
-    with pytest.raises(WorkerError) as caught:
+    with refused(WorkerError, f"^worker tcp://.*has {name} {real[name]}, and this program has 0.0.7"):
         run(Coins(), on(dask, tmp_path))
-    line = str(caught.value)
-    assert line.startswith("worker tcp://") and f"has {name} {real[name]}, and this program has 0.0.7" in line
-    assert "\n" not in line
 
 
 def test_what_cannot_be_reached_is_one_line_and_leaves_no_folder(dask, tmp_path, monkeypatch):

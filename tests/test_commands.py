@@ -12,12 +12,11 @@ from pathlib import Path
 
 import ota_eval
 import pytest
-from waiting import ran, ran_python
+from waiting import ROOT, ran, ran_python
 
 from radalt.evaluation.commands import make_recording
 from radalt.evaluation.programs import main, programs
 
-ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]
 PROGRAMS = sorted(p for p in ROOT.glob("flowgraphs/*.py") if not p.name.startswith("_"))
 # A method that programs read, and commands until 0.3.0, which name their list whatever follows (a test below)
@@ -29,9 +28,8 @@ COMMAND = re.compile(
     r"(?:[A-Z_]+=\S+ )*(?:\S*bin/(?:python3?|radalt)|python3?|make|\./\S+|tools/\S+\.sh) \S.*"
 )
 # Those that stop by themselves before they measure; of all others only the options are read.
-STOP = {"ota_eval": "--plan"} | dict.fromkeys(
-    ("integrity", "landing_eval", "leaving_out", "stability"), "--dry-run"
-)
+STOP = dict.fromkeys(("integrity", "landing_eval", "leaving_out", "stability"), "--dry-run")
+STOP["ota_eval"] = "--plan"
 PLACEHOLDER = re.compile(r"\b(CASE|NAME|LOGIN-NODE)\b|\.\.\.|/path/to/")
 
 
@@ -85,9 +83,8 @@ def desk(tmp_path_factory):
         (folder / name).symlink_to(ROOT / name)
     landing = ROOT / "flowgraphs/landing"
     (folder / "variants").mkdir()
-    variants = [
-        f"{where}tcae_{kind}" for where in ("", "variants/") for kind in ("int8", "float16", "int8-dynamic")
-    ]
+    kinds = "tcae_int8", "tcae_float16", "tcae_int8-dynamic"
+    variants = [f"{where}{kind}" for where in ("", "variants/") for kind in kinds]
     for name in ("my", "mynet", "encoder", "decoder", *variants):
         shutil.copy(ROOT / "models/tcae.onnx", folder / f"{name}.onnx")
     for name, like in {
@@ -100,9 +97,8 @@ def desk(tmp_path_factory):
         shutil.copy(like, folder / name)
     for model in (ROOT / "models").glob("*.onnx"):
         shutil.copy(model, folder)
-    (folder / "my_study.yaml").write_text(
-        (landing / "study.yaml").read_text().replace("../", f"{ROOT / 'flowgraphs'}/")
-    )
+    study = (landing / "study.yaml").read_text()
+    (folder / "my_study.yaml").write_text(study.replace("../", f"{ROOT / 'flowgraphs'}/"))
     for file in landing.iterdir():  # what the study names is next to it
         if file.name != "study.yaml":
             shutil.copy(file, folder)
@@ -111,9 +107,8 @@ def desk(tmp_path_factory):
     (folder / "my.yaml").write_text("name: my\n")
     reference = (ROOT / "docs/scene-reference.md").read_text(encoding="utf-8")
     (folder / "my_case.yaml").write_text(re.search(r"```yaml\n(.*?)```", reference, re.DOTALL)[1])
-    (folder / "my_bench.yaml").write_text(
-        "radio: {radar_serial: 30AAAAA, jammer_serial: 30BBBBB, enclosure: cabled, attenuation_db: 60}\n"
-    )
+    radio = "{radar_serial: 30AAAAA, jammer_serial: 30BBBBB, enclosure: cabled, attenuation_db: 60}"
+    (folder / "my_bench.yaml").write_text(f"radio: {radio}\n")
     return folder
 
 
@@ -132,13 +127,9 @@ def words(line: str) -> tuple[dict[str, str], list[str]]:
 
 def of(*kinds: str) -> list[str]:
     """Commands without placeholders whose first word, and the start of whose second, are these."""
-    return [
-        line
-        for line in PRINTED
-        if not PLACEHOLDER.search(line)
-        and words(line)[1][0] == kinds[0]
-        and (len(kinds) == 1 or words(line)[1][1].startswith(kinds[1:]))
-    ]
+    typed = {line: words(line)[1] for line in PRINTED if not PLACEHOLDER.search(line)}
+    found = [line for line in typed if typed[line][0] == kinds[0]]
+    return [line for line in found if len(kinds) == 1 or typed[line][1].startswith(kinds[1:])]
 
 
 def test_one_form_that_debian_knows():
@@ -192,8 +183,7 @@ def test_options_of_training_are_in_its_source(line):
 
 @pytest.mark.parametrize("line", of("make"))
 def test_make_knows_its_targets(line):
-    done = ran("make", "-n", *words(line)[1][1:], cwd=ROOT)
-    assert done.returncode == 0, done.stderr
+    ran("make", "-n", *words(line)[1][1:], cwd=ROOT, check=True)
 
 
 @pytest.mark.parametrize("line", of(".venv/bin/python", "-m"))
@@ -206,9 +196,7 @@ def test_a_shell_runs_the_first_line_of_the_readme(desk):
     # `make test` makes it, ctest with the system's Python does not
     if not (ROOT / ".venv/bin/radalt").exists():
         pytest.skip("no .venv/bin/radalt here: the module is tested where `make setup` was not run")
-    done = ran("sh", "-c", f"{line} --plan", cwd=desk)
-    assert done.returncode == 0, done.stderr
-    assert "built" in done.stdout
+    assert "built" in ran("sh", "-c", f"{line} --plan", cwd=desk, check=True).stdout
 
 
 def test_a_training_program_says_where_it_lies(monkeypatch, capsys):
@@ -234,18 +222,14 @@ def test_help_acts_on_nothing(program, tmp_path, monkeypatch, capfd):
             runpy.run_path(str(program), run_name="__main__")
         assert ended.value.code in (0, None)
     else:
-        done = ran("sh", program, "--help")
-        assert done.returncode == 0, done.stderr
-        print(done.stdout)
+        print(ran("sh", program, "--help", check=True).stdout)
     assert "usage" in capfd.readouterr().out.lower()
     assert not list(tmp_path.iterdir())
 
 
 def test_a_reader_that_closes_the_pipe_ends_a_command_in_silence():
-    said = ran(
-        "sh", "-c", f"({sys.executable} {ROOT}/flowgraphs/ota_eval.py --plan; echo $? >&2) | true"
-    ).stderr
-    assert said == "141\n"
+    script = f"({sys.executable} {ROOT}/flowgraphs/ota_eval.py --plan; echo $? >&2) | true"
+    assert ran("sh", "-c", script).stderr == "141\n"
 
 
 @pytest.mark.parametrize("word", ["cancellation", "detection", "error-vs-runtime"])
@@ -260,9 +244,8 @@ def test_a_former_command_names_its_list(word, capsys):
 
 def test_a_command_that_is_nearly_one_is_named(capsys):
     assert main(["evla"]) == 2
-    assert capsys.readouterr().err.startswith(
-        "radalt: no command 'evla'; did you mean 'eval'? allowed: eval, "
-    )
+    line = "radalt: no command 'evla'; did you mean 'eval'? allowed: eval, "
+    assert capsys.readouterr().err.startswith(line)
 
 
 @pytest.mark.parametrize(("called", "name"), [("radalt eval", "radalt eval"), ("ota_eval.py", "ota_eval")])

@@ -16,7 +16,7 @@ import make_scene_reference
 import numpy as np
 import pytest
 import yaml
-from waiting import ran_python
+from waiting import ROOT, ran_python
 
 from radalt.bench.board import stored_rows
 from radalt.bench.lists import load_list
@@ -31,7 +31,6 @@ from radalt.evaluation.results.proportion import clopper_pearson, clopper_pearso
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 
-ROOT = Path(__file__).resolve().parent.parent
 ENV = os.environ | {"PYTHONPATH": str(ROOT / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
 LINK = re.compile(r"\]\((?:([\w-]+)\.md)?(?:#([\w-]+))?\)")  # to a page, its heading, or a heading here
 
@@ -43,6 +42,7 @@ MEASURED = re.compile(
 CONDITION = re.compile(
     r"(?:SIRs?|SI?NRs?|INR) (?:of )?-?[\d.]+(?: (?:to|and) -?[\d.]+)? dB|95 %|overlap [\d.]+"
 )
+DOCS = ROOT / "docs"
 NUMBERS = yaml.safe_load((ROOT / "tests/numbers.yaml").read_text("utf-8"))
 # every page but those that a command writes whole, or that have no results
 PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
@@ -56,12 +56,10 @@ def test_the_scene_reference_is_what_the_code_gives():
 
 def test_the_first_flowgraph_measures_more_with_whitening_than_without(root):
     """QPSK at -28 dB over half the sweep: no mitigation loses frames, whitening next to none."""
-    done = ran_python(root / "examples/first_flowgraph.py", env=ENV)
-    assert done.returncode == 0, done.stderr
+    done = ran_python(root / "examples/first_flowgraph.py", env=ENV, check=True)
     pattern = r"^(\w+) +(\d+) frames, declared (\d+), within 5 m (\d+)$"
     rows = {name: [int(n) for n in numbers] for name, *numbers in re.findall(pattern, done.stdout, re.M)}
-    assert set(rows) == {"none", "whitening"}
-    assert rows["none"][0] == rows["whitening"][0] == 120
+    assert {name: row[0] for name, row in rows.items()} == {"none": 120, "whitening": 120}
     assert rows["none"][2] < 100 < rows["whitening"][2]
 
 
@@ -72,8 +70,7 @@ def test_own_samples_are_measured_from_the_altitude_of_the_first_sweeps(root, tm
     samples = point_return(Waveform(), altitudes_m).ravel()
     samples += 0.3 * rng.normal(size=(samples.size, 2)).view(complex).ravel()
     samples.astype(np.complex64).tofile(tmp_path / "samples.cf32")
-    done = ran_python(root / "examples/own_samples.py", tmp_path / "samples.cf32", "500", env=ENV)
-    assert done.returncode == 0, done.stderr
+    done = ran_python(root / "examples/own_samples.py", tmp_path / "samples.cf32", 500, env=ENV, check=True)
     count, first, last = re.search(r"(\d+) altitudes from ([\d.]+) m to ([\d.]+) m", done.stdout).groups()
     assert int(count) > 100 and abs(float(first) - 500) < 5 and abs(float(last) - 620) < 5
     assert f"{count} frames ok" in done.stdout
@@ -105,11 +102,8 @@ def site(root):
 def test_every_page_is_in_the_site_once(root, site):
     named = re.findall(r"- (?:\w+: )?([\w./-]+\.md)$", (root / "mkdocs.yml").read_text(), re.MULTILINE)
     named += [f"{file}.md" for files in site["extra"]["pages"].values() for file in files[1:]]
-    assert sorted(named) == sorted(
-        str(page.relative_to(root / "docs").with_suffix(".md"))
-        for kind in ("*.md", "*.ipynb")
-        for page in (root / "docs").rglob(kind)
-    )
+    pages = (page.relative_to(root / "docs") for kind in ("*.md", "*.ipynb") for page in DOCS.rglob(kind))
+    assert sorted(named) == sorted(str(page.with_suffix(".md")) for page in pages)
 
 
 def test_links_to_a_section_lead_to_its_only_heading(root, site):
@@ -321,7 +315,6 @@ def test_a_snippet_runs_as_a_file_as_printed(name, tmp_path, monkeypatch, capfd)
 )
 def test_a_program_that_a_page_shows_is_the_one_that_runs(root, page, program):
     """Written out, since the page is read on the disk and on the web, too, where nothing puts a file into it."""
-    text = (root / f"docs/{page}.md").read_text(encoding="utf-8")
-    shown = BLOCK.search(text)[1]
     source = (root / program).read_text(encoding="utf-8")
+    shown = BLOCK.search((root / f"docs/{page}.md").read_text(encoding="utf-8"))[1]
     assert shown == source[source.index("import numpy") :]

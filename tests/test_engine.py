@@ -82,8 +82,7 @@ def whole(tmp_path_factory) -> Path:
 
 def test_rows_are_the_same_bytes_for_any_number_of_workers(whole, tmp_path):
     run(Coins(), Options(tmp_path / "b", jobs=2))
-    assert rows_of(tmp_path / "b") == rows_of(whole)
-    assert len(rows_of(whole).splitlines()) == 5
+    assert rows_of(tmp_path / "b") == rows_of(whole) and rows_of(whole).count(b"\n") == 5
 
 
 def test_a_point_that_hangs_ends_with_one_line_and_the_others_are_kept(tmp_path):

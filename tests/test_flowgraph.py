@@ -19,7 +19,7 @@ import pytest
 import yaml
 from gnuradio import gr, radalt
 from hostile import write_scene
-from waiting import patient, ran, ran_python
+from waiting import ROOT, patient, ran, ran_python
 
 from radalt.core.altimeter.altimeter import Altimeter
 from radalt.core.scene import load_scene, parse_scene
@@ -28,7 +28,6 @@ from radalt.evaluation.flowgraph.generate import Prepared, _platform, generate, 
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
 from radalt.evaluation.flowgraph.run import load_class, run_point, run_to_end
 
-ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
 B210, SIM = (ROOT / f"flowgraphs/{name}.grc" for name in ("ota_b210", "ota_sim"))
 DESCRIPTIONS = sorted((ROOT / "grc").glob("*.block.yml"))
@@ -90,20 +89,17 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else():
     disabled = {b["name"] for b in pruned["blocks"] if b["states"]["state"] == "disabled"}
     before = {b["name"] for b in simulated["blocks"] if b["states"]["state"] == "disabled"}
     methods = {"lms", "lms_reference_input", "nlms", "blanking", "tcae"}
-    assert disabled - before == {f"{kind}_{m}" for m in methods for kind in ("mitigation", "altimeter")} | {
-        "jammer_source"
-    }
-    full = prune(simulated, ["none", "whitening", *methods], jammer=True)
-    assert full == simulated
+    chains = {f"{kind}_{m}" for m in methods for kind in ("mitigation", "altimeter")}
+    assert disabled - before == chains | {"jammer_source"}
+    assert prune(simulated, ["none", "whitening", *methods], jammer=True) == simulated
 
 
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_flowgraph_validates_compiles_and_imports(path, tmp_path):
     """The compiler refuses a missing block and an error; importing proves what validity does not."""
     module = generate(grc(path), tmp_path)
-    assert module.stem == path.stem
     top = load_class(Prepared(module))
-    assert issubclass(top, gr.top_block)
+    assert module.stem == path.stem and issubclass(top, gr.top_block)
     assert {"scene_file", "seed"} <= inspect.signature(top.__init__).parameters.keys()
 
 
@@ -168,12 +164,11 @@ LANDING = {"programme_m": [1200.0, 400.0, 60.0], "frames": 6, "vertical_speed_m_
 
 
 def scene_of(**keys):
-    base = {
-        "altitude": WHOLE_SPAN,
-        "channel": {"snr_db": 20.0},
-        "methods": ["none"],
-    }
-    return parse_scene({**base, **keys})
+    return parse_scene({"altitude": WHOLE_SPAN, "channel": {"snr_db": 20.0}, "methods": ["none"]} | keys)
+
+
+def flown(prepared, scene):
+    return run_point(prepared, scene, time_limit_s=patient(120))
 
 
 @pytest.fixture(scope="module")
@@ -202,10 +197,7 @@ def test_altitude_and_speed_are_right_from_three_metres_to_fifteen_hundred(clear
     """No interference, 20 dB SNR, unknown start offset with its fraction: RMSE below 0.5 m."""
     scene = scene_of(altitude=altitude, channel={"snr_db": 20.0, "leakage_db": leakage_db}, seed=seed)
     assert scene.channel.start_offset_samples is None  # drawn
-    programme, rows = (
-        scene.altitude.programme,
-        run_point(clear, scene, time_limit_s=patient(120)).results["none"],
-    )
+    programme, rows = scene.altitude.programme, flown(clear, scene).results["none"]
     rows = rows[programme.is_trial(rows["frame_index"])]
     assert rows.size == altitude["frames"] * len(altitude["programme_m"])
     error = rows["altitude_m"] - programme.altitude_m(rows["frame_index"])
@@ -216,20 +208,16 @@ def test_altitude_and_speed_are_right_from_three_metres_to_fifteen_hundred(clear
 
 def test_same_seed_same_rows_and_another_seed_others(jammed):
     scene = scene_of(interference={"qpsk": {"sir_db": -24.0, "overlap": 0.6}}, seed=5)
-    first, again = (run_point(jammed, scene, time_limit_s=patient(120)) for _ in range(2))
-    other = run_point(jammed, replace(scene, seed=6), time_limit_s=patient(120))
+    runs = [flown(jammed, one).results for one in (scene, scene, replace(scene, seed=6))]
     for method in jammed.methods:
-        assert first.results[method].tobytes() == again.results[method].tobytes()
-        assert first.results[method].tobytes() != other.results[method].tobytes()
+        first, again, other = (results[method].tobytes() for results in runs)
+        assert first == again != other
 
 
 def test_jammer_chain_at_overlap_zero_is_bit_identical_to_none(clear, jammed):
-    """what was left out is what would have been there at zero."""
     scene = scene_of(interference={"qpsk": {"sir_db": -20.0}}, seed=4).at(overlap=0.0)
-    with_chain = run_point(jammed, scene, time_limit_s=patient(120))
-    without = run_point(clear, replace(scene, interference=()), time_limit_s=patient(120))
-    assert len(without.results["none"]) >= 58
-    assert with_chain.results["none"].tobytes() == without.results["none"].tobytes()
+    without = flown(clear, replace(scene, interference=())).results["none"]
+    assert len(without) >= 58 and flown(jammed, scene).results["none"].tobytes() == without.tobytes()
 
 
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):
@@ -243,8 +231,7 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
         "    'PyQt5', 'gnuradio.uhd'}\n"
         "print('loaded', *sorted(unwanted & set(sys.modules)))"
     )
-    done = ran_python("-c", statements)
-    assert done.returncode == 0, done.stderr
+    done = ran_python("-c", statements, check=True)
     assert done.stdout.strip().splitlines()[-1] == "loaded"
 
 
@@ -254,7 +241,7 @@ def test_error_in_a_block_comes_out_of_the_run_as_it_was(clear, monkeypatch, cap
 
     monkeypatch.setattr(Altimeter, "process", fail)
     with pytest.raises(FloatingPointError, match="as it was"):
-        run_point(clear, scene_of(), time_limit_s=patient(120))
+        flown(clear, scene_of())
 
 
 def test_run_beyond_its_time_is_stopped_and_says_so(clear):

@@ -25,12 +25,10 @@ def applied(x):
 
 
 def test_one_decibel_at_p1db_and_saturation_beyond():
-    loss = 20 * np.log10(AMPLIFIER.gain(amplitude([-60.0, -20.0, 20.0])))
-    assert loss[0] == pytest.approx(0.0, abs=0.001)
-    assert loss[1] == pytest.approx(-1.0, abs=1e-9)
+    loss_db = 20 * np.log10(AMPLIFIER.gain(amplitude([-60.0, -20.0])))
+    assert list(loss_db) == [pytest.approx(0.0, abs=0.001), pytest.approx(-1.0, abs=1e-9)]
     out = AMPLIFIER.envelope(amplitude(np.arange(-60.0, 41.0)))
-    assert (np.diff(out) > 0).all()
-    assert out[-1] < 1.01 * out[-21]  # a limit, not a fold
+    assert (np.diff(out) > 0).all() and out[-1] < 1.01 * out[-21]  # a limit, not a fold
 
 
 @pytest.mark.parametrize("power_dbm", [-60.0, -45.0, -35.0])

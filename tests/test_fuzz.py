@@ -20,6 +20,7 @@ import yaml
 from gnuradio import radalt
 from hostile import assert_line, assert_refused, ended, measure_here
 from test_engine import Coins, Options, command, rows_of, run
+from waiting import ROOT
 
 from radalt.core.parsing import InputError, load_yaml
 from radalt.core.radio.recording import RecordingError, open_capture
@@ -33,21 +34,15 @@ SECONDS = float(os.environ.get("RADALT_FUZZ_S", 0))
 TARGETS = 6
 pytestmark = [pytest.mark.timeout(3 * SECONDS)] * bool(SECONDS)
 
-ROOT = Path(__file__).resolve().parent.parent
-
 
 def fuzz(check, examples: int, reached: tuple[str, ...], *strategies) -> None:
     """Run ``check``, which returns how it ended, on examples of the strategies, and tell how many there were; both ends
     have to be reached, or the target is too tame or too wild."""
     ends: Counter = Counter()
 
-    @settings(
-        max_examples=examples,
-        derandomize=not SECONDS,
-        deadline=None,
-        database=None,
-        suppress_health_check=list(HealthCheck),
-    )
+    calm = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
+
+    @settings(max_examples=examples, derandomize=not SECONDS, **calm)
     @given(st.tuples(*strategies))
     def once(values):
         ends[check(*values)] += 1
@@ -73,24 +68,20 @@ TEXTS = st.one_of(
     st.sampled_from(["", "a\0b", "x" * 9999, "\ud800", "a\x1b[31m\nb"]),
 )
 SCALARS = st.one_of(st.none(), st.booleans(), NUMBERS, TEXTS)
+KEYS = SCALARS.filter(lambda key: key == key)
 VALUES = st.recursive(
     SCALARS,
-    lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(SCALARS.filter(lambda k: k == k), inner, max_size=3)
-    ),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(KEYS, inner, max_size=3),
     max_leaves=8,
 )
 
-WHOLE = scene_to_mapping(
-    parse_scene(
-        {
-            "interference": [{kind: {}} for kind in ("qpsk", "tones", "nr", "fmcw", "pulsed_radar")],
-            "methods": ["none", "whitening", "blanking"],
-            "method_options": {"whitening": {"exponent": 0.5}, "blanking": {"window": 64}},
-            "sweep": {"overlap": [0, 1], "sir_db": [-10], "snr_db": [10]},
-        }
-    )
-)
+GIVEN = {
+    "interference": [{kind: {}} for kind in ("qpsk", "tones", "nr", "fmcw", "pulsed_radar")],
+    "methods": ["none", "whitening", "blanking"],
+    "method_options": {"whitening": {"exponent": 0.5}, "blanking": {"window": 64}},
+    "sweep": {"overlap": [0, 1], "sir_db": [-10], "snr_db": [10]},
+}
+WHOLE = scene_to_mapping(parse_scene(GIVEN))
 
 
 def places(node, path=()):
@@ -124,13 +115,8 @@ def changed(whole, changes):
 
 
 CHANGES = st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3)
-MILD = st.lists(
-    st.tuples(
-        st.sampled_from(PLACES), st.one_of(st.integers(0, 20), st.floats(0, 100), st.booleans(), st.none())
-    ),
-    min_size=1,
-    max_size=2,
-)
+LIKELY = st.integers(0, 20) | st.floats(0, 100) | st.booleans() | st.none()
+MILD = st.lists(st.tuples(st.sampled_from(PLACES), LIKELY), min_size=1, max_size=2)
 
 
 def dumped(data) -> str:

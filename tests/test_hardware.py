@@ -7,7 +7,6 @@ import re
 import signal
 import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,14 +17,11 @@ import yaml
 from gnuradio import blocks, gr, radalt
 from hostile import write_scene
 from uhd_double import RADIO
+from waiting import ROOT
 
 from radalt.core.channel.auxiliary import AuxiliarySettings
-from radalt.core.radio.calibration import (
-    CalibrationError,
-    CalibrationKey,
-    load_latency_samples,
-    store_latency_samples,
-)
+from radalt.core.radio import calibration
+from radalt.core.radio.calibration import CalibrationKey, load_latency_samples, store_latency_samples
 from radalt.core.radio.interlock import InterlockError, require_enclosure
 from radalt.core.radio.levels import drive, rx_level_dbm
 from radalt.core.radio.transmit_gate import TransmitGate
@@ -39,18 +35,13 @@ from radalt.evaluation.radios.bring_up import bring_up
 from radalt.evaluation.radios.hardware import calibrate, run_hardware
 from radalt.evaluation.radios.settings import describe
 
-ROOT = Path(__file__).resolve().parent.parent
-
 KEY = CalibrationKey("B210", "R", 30e6, 7.5e6)
 JAMMER = ("jammer_source", "jammer_gate", "jammer_usrp_sink")
 
 
 def a_scene(jammer=True, **radio):
-    data = {
-        "altitude": {"programme_m": [300.0, 60.0], "frames": 6},
-        "altimeter": {"max_altitude_m": 1500.0},
-        "radio": {**RADIO, **radio},
-    }
+    altitude = {"programme_m": [300.0, 60.0], "frames": 6}
+    data = {"altitude": altitude, "altimeter": {"max_altitude_m": 1500.0}, "radio": RADIO | radio}
     if jammer:
         data["interference"] = {"qpsk": {"sir_db": -10.0, "overlap": 1.0, "bandwidth_hz": 2.0025e6}}
     return parse_scene(data)
@@ -81,9 +72,8 @@ def assert_set_up_in_order(recorded):
     begin = next(k for k, call in enumerate(recorded) if call[1] == "set_clock_source")
     assert "start" not in {call[1] for call in recorded[:begin]}
     calls = [c for c in recorded[begin:] if not c[1].startswith("get_sensor")]
-    asked = [
-        (name, f"set_{of}_source", "external", 0) for of in ("clock", "time") for name in (source, jammer)
-    ]
+    sources = [f"set_{of}_source" for of in ("clock", "time")]
+    asked = [(name, call, "external", 0) for call in sources for name in (source, jammer)]
     asked += [(name, "set_samp_rate", 7.5e6) for name in (sink, source, jammer)]
     for name, antenna, gain_db in ((sink, "TX/RX", 40.0), (source, "RX2", 20.0), (jammer, "TX/RX", 50.0)):
         own = ("antenna", antenna), ("gain", gain_db), ("center_freq", tune)
@@ -93,8 +83,7 @@ def assert_set_up_in_order(recorded):
     start = after[2][2]
     assert after[:2] == [(name, "set_time_next_pps", ("time", 0.0)) for name in (source, jammer)]
     assert after[2:5] == [(name, "set_start_time", start) for name in (sink, source, jammer)]
-    assert {c[1] for c in after[5:]} == {"start"}
-    assert len(after[5:]) == 3
+    assert [c[1] for c in after[5:]] == ["start"] * 3
 
 
 def test_set_up_is_in_order_altitudes_are_right_and_events_are_counted(air, monkeypatch):
@@ -132,16 +121,16 @@ def test_a_live_slider_cannot_make_the_jammer_clip(air):
 
 def test_saturation_is_counted(air):
     air.gain = 30.0
-    result = fly(air, a_scene())
-    assert result.segmenter["saturated_frames"] >= 12
+    assert fly(air, a_scene()).segmenter["saturated_frames"] >= 12
 
 
-def two_channels(**radio):
-    return replace(a_scene(**radio), auxiliary=AuxiliarySettings())
+def two_channels(attenuation_db=0, **radio):
+    scene = a_scene(auxiliary_attenuation_db=attenuation_db, **radio)
+    return replace(scene, auxiliary=AuxiliarySettings())
 
 
 def test_two_receive_channels_are_one_source_set_up_alike_but_for_their_gains(air):
-    result = fly(air, two_channels(auxiliary_attenuation_db=50.0, auxiliary_rx_gain_db=30.0))
+    result = fly(air, two_channels(50.0, auxiliary_rx_gain_db=30.0))
     source, tune = "radar Source", ("tune", 4.3e9, 6e6)
     begin = next(k for k, call in enumerate(air.calls) if call[1] == "set_clock_source")
     calls = [call[1:] for call in air.calls[begin:] if call[0] == source]
@@ -235,14 +224,8 @@ def beyond_the_radio():
         (beyond_the_radio(), "carrier_hz is 5.9995e.09, and a B210 has 7e.07..6e.09"),
         # of two inputs
         (two_channels(), r"radio\.auxiliary_attenuation_db is 0 with a cabled set-up"),
-        (
-            two_channels(auxiliary_attenuation_db=30, jammer_tx_gain_db=89.75),
-            "auxiliary_attenuation_db by 5.0 dB",
-        ),
-        (
-            two_channels(auxiliary_attenuation_db=40, master_clock_hz=60e6),
-            "two receive channels .* 3.072e.07",
-        ),
+        (two_channels(30, jammer_tx_gain_db=89.75), "auxiliary_attenuation_db by 5.0 dB"),
+        (two_channels(40, master_clock_hz=60e6), "two receive channels .* 3.072e.07"),
     ],
 )
 def test_interlock_refuses_what_could_harm(scene, message):
@@ -252,7 +235,7 @@ def test_interlock_refuses_what_could_harm(scene, message):
 
 def test_interlock_lets_one_radio_without_a_serial_pass_and_knows_both_inputs():
     require_enclosure(a_scene(jammer=False, radar_serial="", jammer_serial=""), True)
-    lines, allowed = describe(two_channels(auxiliary_attenuation_db=45.0))
+    lines, allowed = describe(two_channels(45.0))
     assert allowed and any("side B, at most -64.3 dBm" in line for line in lines)
 
 
@@ -273,7 +256,7 @@ def test_drive_keeps_the_sir_whatever_the_gains(gain):
 
 def test_a_radio_without_a_serial_is_not_calibrated(tmp_path):
     nameless = replace(KEY, serial="")
-    with pytest.raises(CalibrationError, match=r"set radio\.radar_serial"):
+    with pytest.raises(calibration.CalibrationError, match=r"set radio\.radar_serial"):
         store_latency_samples(1.0, nameless, tmp_path / "calibration.yaml")
     assert load_latency_samples(nameless, tmp_path / "calibration.yaml") is None
 
@@ -283,8 +266,7 @@ def test_check_prints_the_plan_and_fails_where_the_interlock_would(tmp_path, cap
     scene.write_text(yaml.safe_dump({"radio": RADIO}))
     assert ota_eval.main(["--check", "--scene", str(scene)]) == 0
     printed = capsys.readouterr().out
-    assert "set_time_next_pps" in printed
-    assert "not needed" in printed
+    assert "set_time_next_pps" in printed and "not needed" in printed
     scene.write_text(yaml.safe_dump({"radio": RADIO | {"attenuation_db": 3.0}}))
     assert ota_eval.main(["--check", "--scene", str(scene)]) == 2
 
@@ -324,9 +306,7 @@ def press_run(monkeypatch, tmp_path):
     def press(cls: type, scene, transmit: int = 1, **air_changes) -> uhd_double.Air:
         air = press.air = uhd_double.Air(ticking=True, **air_changes)
         uhd_double.install(monkeypatch, air)
-        monkeypatch.setattr(
-            setup, "bring_up", lambda top, scene, uhd, _: bring_up(top, scene, uhd, air.sleep)
-        )
+        monkeypatch.setattr(setup, "bring_up", lambda *given: bring_up(*given[:3], air.sleep))
         path = write_scene(scene, tmp_path / "scene.yaml")
         options = dict.fromkeys(("overlap", "sir_db", "seed"), "scene") | {"scene_file": str(path)}
         options = argparse.Namespace(**options, endpoint="", drop_when_slow=0, transmit=transmit)

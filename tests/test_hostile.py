@@ -22,8 +22,8 @@ import realtime_benchmark
 import screenshot
 import stability
 import yaml
-from hostile import assert_line, assert_refused, ended, measure_here
-from waiting import end_of, ran, started
+from hostile import assert_refused, ended, measure_here, refused
+from waiting import ROOT, end_of, ran, started
 
 import bench
 from radalt.bench.rows import read_rows
@@ -34,7 +34,6 @@ from radalt.core.waveform import Waveform
 from radalt.evaluation.commands import control as control_client
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 
-ROOT = Path(__file__).resolve().parent.parent
 YAML = {
     "twice": ("radio: {attenuation_db: 60}\nradio: {attenuation_db: 3}\n", "'radio' is there twice"),
     "bomb": ("a: &a [x, x]\nb: &b [*a, *a]\n", "line 2: aliases are not read"),
@@ -89,10 +88,8 @@ def test_the_strict_reader_reads_what_everybodys_reader_reads_but_for_dates(tmp_
 def test_what_is_no_small_regular_file_is_refused_before_it_is_read(make, message, tmp_path):
     path = make(tmp_path / "it.yaml")
     for read in (load_scene, read_rows):
-        with pytest.raises((SceneError, InputError)) as caught:
+        with refused((SceneError, InputError), f"(?i){message}"):
             read(path)
-        assert message.lower() in str(caught.value).lower()
-        assert_line(str(caught.value))
 
 
 HOSTILE_NUMBERS = ("abc", "", "nan", "-1e308", "1" * 20, "9" * 5000, "\0")
@@ -178,9 +175,8 @@ def test_hostile_number_and_line_of_every_other_command_gets_one_line(module, tm
     monkeypatch.setattr(control_client, "TIMEOUT_MS", 200)
     lines, first = [line.split(" ") for line in OTHERS.get(module, ())], ["get"] * (module is control_client)
     pairs = itertools.product(COMMANDS.get(module, "").split(), HOSTILE_NUMBERS)
-    lines += [
-        [*first, f"{option}={value}"] for option, value in pairs if (module, option, value) not in ALLOWED
-    ]
+    wrong = (pair for pair in pairs if (module, *pair) not in ALLOWED)
+    lines += [[*first, "=".join(pair)] for pair in wrong]
     for line in lines:
         assert_refused(*ended(module.main, *line))
     assert module not in COMMANDS or list(tmp_path.iterdir()) == []
@@ -249,9 +245,8 @@ def test_hostile_network_is_refused(tmp_path):
     for content in (b"", b"\x08" * 999):
         path = tmp_path / "n.onnx"
         path.write_bytes(content)
-        with pytest.raises(MitigationError) as caught:
+        with refused(MitigationError):
             create("tcae", Waveform(), model=str(path))
-        assert_line(str(caught.value))
 
 
 SMALL_DISK = """

@@ -33,5 +33,4 @@ def test_both_names_give_the_same_modules_whichever_comes_first(root):
     names = "import radalt", "import gnuradio.radalt"
     for first, second in (names, names[::-1]):
         code = ONE_PACKAGE.format(first=first, second=second)
-        done = ran_python("-W", "error", "-c", code, cwd=root / "python", limit_s=60)
-        assert done.returncode == 0, done.stderr
+        ran_python("-W", "error", "-c", code, cwd=root / "python", limit_s=60, check=True)

@@ -13,21 +13,15 @@ from radalt.evaluation.programs import programs
 
 def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
     """Run a command and return what it printed; fail with everything it said."""
-    done = ran(*command, cwd=cwd, env=env, limit_s=150)
-    assert done.returncode == 0, f"{command[0]} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
+    return ran(*command, cwd=cwd, env=env, limit_s=150, check=True).stdout
 
 
 def source_files(folder: Path, pattern: str = "*") -> set[str]:
     """Relative paths below folder that an install brings along: nothing that the companion generated next to them."""
     found = (file.relative_to(folder) for file in folder.rglob(pattern) if file.is_file())
     made = tuple(flowgraph.stem for flowgraph in folder.glob("*.grc"))
-    return {
-        str(file)
-        for file in found
-        if not re.search(r"__pycache__|(^|/)\.|\.pyc$", str(file))
-        and not (file.suffix == ".py" and file.name.startswith(made))
-    }
+    brought = (file for file in found if not (file.suffix == ".py" and file.name.startswith(made)))
+    return {str(file) for file in brought if not re.search(r"__pycache__|(^|/)\.|\.pyc$", str(file))}
 
 
 @pytest.fixture(scope="module")
@@ -107,8 +101,8 @@ def test_installed_module_imports_with_every_block_and_the_core(
         "print(*(name for name in radalt._BLOCKS if isinstance(getattr(radalt, name), type)))"
     )
     python = cache["PYTHON_EXECUTABLE"] if companion else sys.executable
-    lines = run(python, "-c", statements, cwd=tmp_path, env=environment).splitlines()
-    init, core, version, blocks = lines
+    said = run(python, "-c", statements, cwd=tmp_path, env=environment)
+    init, core, version, blocks = said.splitlines()
     assert [Path(init), Path(core)] == [package / "__init__.py", package / "core/__init__.py"]
     assert version == cache["CMAKE_PROJECT_VERSION"]
     assert set(blocks.split()) == {f.stem for f in (root / "python/radalt/blocks").glob("[!_]*.py")}
@@ -129,7 +123,7 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     overview = run(radalt, cwd=tmp_path, env=kept)
     assert all(f"\n  {name} " in overview for name in programs())
     shown = run(radalt, "collect", "--help", cwd=tmp_path, env=kept)
-    assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
+    assert shown.startswith("usage: radalt collect") and "    radalt collect results/bench_1" in shown
     assert ".venv" not in shown
     done = ran(radalt, "nonsense", cwd=tmp_path, env=kept)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and " collect, control, eval, " in done.stderr
@@ -141,8 +135,7 @@ def test_command_says_what_is_missing_or_runs(prefix, tmp_path):
     line = "eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --out out".split()
     done = ran(prefix / "bin/radalt", *line, cwd=tmp_path, env=kept, limit_s=100)
     if done.returncode:
-        assert done.stderr.count("\n") == 1
-        assert "'make install' brings it along" in done.stderr
+        assert done.stderr.count("\n") == 1 and "'make install' brings it along" in done.stderr
     else:
         assert (tmp_path / "out/report.md").is_file()
 
@@ -163,10 +156,8 @@ def test_completion_and_manual_know_every_command(prefix, tmp_path):
         (("radalt", "eval", "--met"), "--methods --method-file"),
         (("radalt", "make-recording", "--ant"), "--antennas"),
     ):
-        script = (
-            f". {completion}; COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _radalt; "
-            'echo "${COMPREPLY[@]}"'
-        )
+        given = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}"
+        script = f'. {completion}; {given}; _radalt; echo "${{COMPREPLY[@]}}"'
         assert run("bash", "-c", script, cwd=tmp_path).strip() == expected
     for name in programs():
         page = (prefix / f"share/man/man1/radalt-{name}.1").read_text()

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from radalt.core.interference import (
-    Interferer,
-    QpskEmitter,
-    ToneEmitter,
-    interference_frame,
-    interference_frames,
-)
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.effects import impaired
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
@@ -36,12 +30,12 @@ def db(ratio: float) -> float:
 
 def test_burst_starts_anywhere_it_fits_or_where_it_is_told():
     burst = Interferer(QpskEmitter(), 0.0, 0.4)
-    first = [np.flatnonzero(interference_frame(burst, N, RATE_HZ, rng(s)))[0] for s in range(400)]
+    first = [np.flatnonzero(interference_frames([burst], 1, N, RATE_HZ, rng(s)))[0] for s in range(400)]
     assert 0 <= min(first) < 100 and 4400 < max(first) <= 4500
     assert np.mean(first) == pytest.approx(2250, abs=4 * 4500 / np.sqrt(12 * 400))
     for start, expected in ((0.0, 0), (0.25, 1875), (1.0, 4500)):
-        frame = interference_frame(Interferer(QpskEmitter(), 0.0, 0.4, start=start), N, RATE_HZ, rng())
-        assert np.flatnonzero(frame)[0] == expected
+        burst = Interferer(QpskEmitter(), 0.0, 0.4, start=start)
+        assert np.flatnonzero(interference_frames([burst], 1, N, RATE_HZ, rng()))[0] == expected
 
 
 def test_sum_of_interferers_has_the_sum_of_their_powers_or_the_total_that_is_asked_for():

@@ -37,13 +37,9 @@ sensitivity_trials: 0
 
 @pytest.fixture
 def small(tmp_path, root):
-    data = root / "flowgraphs" / "landing"
-    text = SMALL + (
-        f"trajectory: {{file: {data / 'approach_kord_10c.csv'}}}\n"
-        f"terrain: {{files: [{data / 'hilly_n41w089.dt0'}, {data / 'hilly_n41w088.dt0'}]}}\n"
-    )
-    path = tmp_path / "small.yaml"
-    path.write_text(text)
+    data, path = root / "flowgraphs" / "landing", tmp_path / "small.yaml"
+    files = f"{{files: [{data / 'hilly_n41w089.dt0'}, {data / 'hilly_n41w088.dt0'}]}}"
+    path.write_text(f"{SMALL}trajectory: {{file: {data / 'approach_kord_10c.csv'}}}\nterrain: {files}\n")
     return path
 
 
@@ -53,8 +49,7 @@ def _config(root, **changes):
 
 
 def _rows(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+    return list(csv.DictReader(path.read_text().splitlines()))
 
 
 def test_shipped_study_states_the_defaults(root):
@@ -161,11 +156,9 @@ def test_frames_have_the_sir_and_sinr_they_state(root):
     silent = landing_study.Truth(np.zeros((40, 1, samples), np.complex64), *[np.full(40, 12.0)] * 5)
     rng = np.random.default_rng(0)
     frames, sir, sinr = landing_study.impaired(config, silent, rng, overlap=0.4, sir_db=-15.0)
-    power = np.mean(np.abs(frames) ** 2)
-    assert 10 * np.log10(power) == pytest.approx(-sinr[0], abs=0.02)
+    assert 10 * np.log10(np.mean(np.abs(frames) ** 2)) == pytest.approx(-sinr[0], abs=0.02)
     assert sir == pytest.approx(-15.0)
-    active = np.mean(np.abs(frames[0, 0]) ** 2 > 5.0)
-    assert active == pytest.approx(0.4, abs=0.01)
+    assert np.mean(np.abs(frames[0, 0]) ** 2 > 5.0) == pytest.approx(0.4, abs=0.01)
 
 
 def test_doppler_cancels_in_altitude_and_shows_as_vertical_speed(root):
@@ -229,15 +222,9 @@ def test_ground_above_the_default_span_loses_no_frame(tmp_path, altimeter):
     rows = "".join(f"{k},{41 + 5e-4 * k},-87.5,1600\n" for k in range(4))
     (tmp_path / "high.csv").write_text("time_s,latitude_deg,longitude_deg,altitude_m\n" + rows)
     files = {"trajectory": {"file": "high.csv"}, "terrain": {"files": [], "flat_m": 0.0}}
-    scene = parse_scene(
-        {
-            "return": "terrain",
-            "altitude": {"frames": 1, "landing_frames": 30},
-            "landing": {"folder": str(tmp_path), **files},
-            "channel": {"snr_db": 20.0},
-            "altimeter": altimeter,
-        }
-    )
+    keys = {"return": "terrain", "altitude": {"frames": 1, "landing_frames": 30}, "altimeter": altimeter}
+    keys |= {"landing": {"folder": str(tmp_path), **files}, "channel": {"snr_db": 20.0}}
+    scene = parse_scene(keys)
     segmenter = segmenter_of(scene)
     frames = [frame for part in segmented(scene, segmenter) for frame in part]
     assert sum(bool(scene.altitude.programme.is_trial(frame.index)) for frame in frames) == 30

@@ -16,15 +16,8 @@ from radalt.core.parsing import InputError
 from radalt.core.programme import Programme
 from radalt.core.returns.point import point_return
 from radalt.core.scene import SceneError, parse_scene
-from radalt.core.timing.leakage import (
-    FITTED_ABOVE_M,
-    LEARN_ABOVE_M,
-    NEAREST_M,
-    REACH_M,
-    LeakageCalibration,
-    LeakageCanceller,
-    ground_is_apart,
-)
+from radalt.core.timing import leakage as limits
+from radalt.core.timing.leakage import LeakageCalibration, LeakageCanceller, ground_is_apart
 from radalt.core.timing.leakage_file import leakage_canceller, load_leakage, store_leakage
 from radalt.core.timing.segmenter import FrameSegmenter
 from radalt.core.tracker.tracker import Status
@@ -61,7 +54,7 @@ def test_six_shapes_per_half_sweep_hold_every_delay_within_reach(offset_samples)
     canceller = LeakageCanceller.uncalibrated(W)
     offset_s = offset_samples / W.rate_hz
     canceller.align(offset_s)
-    delays = offset_s + altitude_to_delay_s(np.linspace(NEAREST_M, REACH_M, 19))
+    delays = offset_s + altitude_to_delay_s(np.linspace(limits.NEAREST_M, limits.REACH_M, 19))
     frames = exp_cycles(W.phase_cycles(W.sample_times_s - delays[:, None]))
     assert max(power_db(x) for x in canceller.subtract(frames)) < -70.0
 
@@ -118,7 +111,7 @@ def test_a_sweep_whose_phase_runs_on_is_followed_from_frame_to_frame():
     ],
 )
 def test_leakage_is_learned_only_where_a_track_is_above_60_m(normal, altitude_m, level_m, speed, may):
-    assert (LEARN_ABOVE_M, FITTED_ABOVE_M) == (60.0, 100.0)
+    assert (limits.LEARN_ABOVE_M, limits.FITTED_ABOVE_M) == (60.0, 100.0)
     assert ground_is_apart(normal, altitude_m, level_m, speed) is may
 
 
@@ -198,15 +191,8 @@ def test_what_is_left_of_a_leakage_whose_phase_has_changed(amount_rad):
 
 
 # -- timing -----------------------------------------------------------------------------------------------------------
-def run(
-    canceller: LeakageCanceller | None,
-    level_db: float,
-    gear_db: float | None,
-    altitudes_m: tuple[float, ...],
-    seed: int,
-    lost: tuple[int, int] = (0, 0),
-) -> tuple[np.ndarray, np.ndarray, FrameSegmenter]:
-    """(n,) altitudes and true ones of the trials; ``lost``: a block, and samples missing from it without a tag."""
+def run(canceller: LeakageCanceller, level_db, gear_db, altitudes_m, seed: int, lost=(0, 0)):
+    """(n,) altitudes, true ones, segmenter; ``lost``: a block, and samples missing from it without a tag."""
     programme, gap = Programme(altitudes_m, 16), slice(lost[0] * N, lost[0] * N + lost[1])
     leaks = {"leakage_db": level_db, "leakage_m": 1.0, "gear_db": gear_db}
     stream = np.delete(received(programme, True, 10.0, seed, **leaks), gap)
@@ -313,15 +299,7 @@ def test_with_a_beat_shift_leakage_is_off_and_the_reason_is_said():
 
 
 # -- without a calibration --------------------------------------------------------------------------------------------
-def tracked(
-    altitude_m: float,
-    leakage: np.ndarray,
-    settings: TrackerSettings,
-    canceller=None,
-    speed=-5.0,
-    blocks=8,
-    **span,
-) -> tuple[np.ndarray, np.ndarray]:
+def tracked(altitude_m, leakage, settings, canceller=None, speed=-5.0, blocks=8, **span):
     """Outputs of a descent next to leakage, and the true altitude at the end of each."""
     rng = np.random.default_rng(1)
     altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0, **span))
@@ -368,10 +346,8 @@ def test_a_track_from_above_goes_on_where_none_starts():
 
 def test_a_scene_says_where_a_track_may_start():
     leaks = {"altitude": {"mode": "true_delay"}, "channel": {"leakage_db": 20.0}}
-    assert parse_scene({}).tracker_settings.leakage_m == 0.0
-    assert parse_scene(leaks).tracker_settings.leakage_m is None
-    assert SCENE.tracker_settings.leakage_m == 0.0
-    assert parse_scene(leaks | {"tracker": {"leakage_m": 20.0}}).tracker_settings.leakage_m == 20.0
+    scenes = SCENE, *map(parse_scene, ({}, leaks, leaks | {"tracker": {"leakage_m": 20.0}}))
+    assert [scene.tracker_settings.leakage_m for scene in scenes] == [0.0, 0.0, None, 20.0]
     with pytest.raises(SceneError, match=r"needs altimeter\.min_altitude_m of 100"):
         parse_scene(leaks | {"segmenter": {"leakage_calibration": "uncalibrated"}})
 

@@ -13,7 +13,7 @@ import pytest
 from frames import N, W, white
 from gnuradio import blocks, gr, radalt
 from PIL import Image
-from waiting import patient, ran_python
+from waiting import ROOT, patient, ran_python
 
 from radalt import Altimeter, AltimeterSettings, load_scene
 from radalt.core.altimeter.altimeter import RESULT_DTYPE
@@ -26,7 +26,6 @@ from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import run_to_end
 
 SHIPPED_METHODS = frozenset(METHODS)  # before any test registers one of its own
-ROOT = Path(__file__).resolve().parent.parent
 LEVEL = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
 
 
@@ -84,8 +83,7 @@ def test_scene_by_hand_has_no_end_and_nothing_that_needs_one():
     programme = live.altitude.programme
     late = np.array([programme.total_frames, 10**12])
     assert programme.is_trial(late).all() and (programme.altitude_m(late) == 400.0).all()
-    assert not scene.altitude.programme.is_trial(late).any()
-    assert live.altitude.mode == "synthetic"
+    assert live.altitude.mode == "synthetic" and not scene.altitude.programme.is_trial(late).any()
     assert live.channel.drops.count == 0 and live.channel.jammer_clock_ppm == 0.0
 
 
@@ -93,8 +91,7 @@ def test_scene_by_hand_has_no_end_and_nothing_that_needs_one():
 def test_every_shipped_scene_can_be_driven_by_hand(path):
     live = by_hand(load_scene(path))
     assert live.altimeter_settings.max_altitude_m >= 300.0  # where the view starts
-    assert live.altitude.programme.is_trial(10**9)
-    assert live.return_model == "point"
+    assert live.altitude.programme.is_trial(10**9) and live.return_model == "point"
 
 
 def test_method_is_exchanged_between_frames(monkeypatch):
@@ -128,9 +125,8 @@ def test_simulated_radios_keep_to_the_sample_rate(monkeypatch):
 
 def probed(folder: Path, *arguments: str) -> dict:
     """What the altimeters of the live view measured after each of its controls was moved."""
-    environment = os.environ | {"QT_QPA_PLATFORM": "offscreen", "GR_CONF_LOG_LOG_LEVEL": "warn"}
-    done = ran_python(ROOT / "tests/live_probe.py", folder, *arguments, env=environment, limit_s=150)
-    assert done.returncode == 0, done.stdout + done.stderr
+    quiet = os.environ | {"QT_QPA_PLATFORM": "offscreen", "GR_CONF_LOG_LOG_LEVEL": "warn"}
+    done = ran_python(ROOT / "tests/live_probe.py", folder, *arguments, env=quiet, limit_s=150, check=True)
     (line,) = (line for line in done.stdout.splitlines() if line.startswith("PROBE "))
     return json.loads(line.removeprefix("PROBE ")) | {"folder": folder, "printed": done.stdout}
 
@@ -184,8 +180,7 @@ def test_status_line_says_what_is_sent_measured_and_lost(view):
 def test_window_fits_the_screen_without_scroll_bars(view):
     """The offscreen screen has 800 x 600 pixels; a small laptop's has 1280 x 800."""
     width, height = view["opened"]
-    assert 700 <= width <= 800 and 500 <= height <= 600
-    assert view["scroll bars"] == [False, False]
+    assert 700 <= width <= 800 and 500 <= height <= 600 and view["scroll bars"] == [False, False]
 
 
 def test_status_names_who_measures_nothing():
@@ -232,8 +227,7 @@ def test_chooser_offers_every_method():
 
 def test_picture_shows_the_view(view):
     picture = Image.open(view["folder"] / "live.png").convert("RGB")
-    assert min(picture.size) > 300
-    assert len(picture.getcolors(maxcolors=1 << 24)) > 100
+    assert min(picture.size) > 300 and len(picture.getcolors(maxcolors=1 << 24)) > 100
 
 
 def test_view_runs_on_radios_set_up_in_order_and_touches_none_without_an_enclosure(tmp_path):

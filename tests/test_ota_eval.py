@@ -19,8 +19,7 @@ SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes
 
 def stable(folder: Path) -> list[list[str]]:
     """rows.csv as text, without the timing columns."""
-    with (folder / "rows.csv").open(newline="", encoding="utf-8") as file:
-        lines = list(csv.reader(file))
+    lines = list(csv.reader((folder / "rows.csv").read_text(encoding="utf-8").splitlines()))
     keep = [k for k, name in enumerate(lines[0]) if name not in COLUMNS.timing]
     return [[line[k] for k in keep] for line in lines]
 
@@ -29,8 +28,7 @@ def stable(folder: Path) -> list[list[str]]:
 def whole(tmp_path_factory):
     """One uninterrupted run in a process of its own, as users start it, its output next to it."""
     folder = tmp_path_factory.mktemp("whole") / "run"
-    done = ran_python(ota_eval.__file__, "--sim", *SWEEP, "--out", folder, "--jobs", 1)
-    assert done.returncode == 0, done.stderr
+    done = ran_python(ota_eval.__file__, "--sim", *SWEEP, "--out", folder, "--jobs", 1, check=True)
     return folder, done.stdout, done.stderr
 
 
@@ -38,9 +36,8 @@ def test_a_run_ends_with_the_whole_result_folder(whole):
     folder, out, err = whole
     report = read_report(folder)
     assert report["source"] == "simulated"
-    assert [(r["overlap"], r["method"]) for r in report["rows"]] == [
-        (overlap, method) for overlap in (0.0, 0.5, 1.0) for method in ("none", "whitening", "lms")
-    ]
+    wanted = [(overlap, method) for overlap in (0.0, 0.5, 1.0) for method in ("none", "whitening", "lms")]
+    assert [(r["overlap"], r["method"]) for r in report["rows"]] == wanted
     for row in report["rows"]:
         assert (row["trials"], row["frames_lost"], row["lock_losses"]) == (6, 0, 0)
     for name in ("report.md", "scene.yaml", *report["figures"]):
@@ -51,16 +48,14 @@ def test_a_run_ends_with_the_whole_result_folder(whole):
     assert any("onnxruntime" in item for item in report["left_out"])
     assert report["real_time_factor"] > 0 and report["run"]["peak_memory_bytes"] < 3 << 30
     # plain lines where there is no terminal, nothing else next to them
-    assert sum(line.startswith("[") for line in out.splitlines()) == 3
-    assert err == ""
+    assert sum(line.startswith("[") for line in out.splitlines()) == 3 and err == ""
 
 
 def test_the_rows_make_sense(whole):
     rows = {(r["method"], r["overlap"]): r for r in read_report(whole[0])["rows"]}
     assert rows["none", 0.0]["correct"] == rows["whitening", 0.0]["correct"] == 6
     assert rows["none", 0.0]["rmse_detected_m"] < 0.5
-    with (whole[0] / "altitudes.csv").open(newline="", encoding="utf-8") as file:
-        by_altitude = list(csv.DictReader(file))
+    by_altitude = list(csv.DictReader((whole[0] / "altitudes.csv").read_text(encoding="utf-8").splitlines()))
     assert len(by_altitude) == 2 * len(rows)
     for (method, overlap), row in rows.items():
         mine = [r for r in by_altitude if (r["method"], float(r["overlap"])) == (method, overlap)]

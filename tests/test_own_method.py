@@ -11,8 +11,8 @@ import ota_eval
 import pytest
 from frames import N, W
 from gnuradio import gr
-from hostile import ended, write_scene
-from waiting import patient
+from hostile import ended, refused, write_scene
+from waiting import ROOT, patient
 
 from radalt import load_scene
 from radalt.core.mitigation import MitigationError, create
@@ -22,7 +22,6 @@ from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import load_class, run_point, run_to_end
 from radalt.evaluation.overlap.study import OverlapStudy
 
-ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = ROOT / "flowgraphs"
 OWN = FLOWGRAPHS / "own_method.py"
 
@@ -93,9 +92,8 @@ HEAD = "def mitigate(frames, waveform):\n    "
     ids="syntax import name arguments shape nothing real empty".split(),
 )
 def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path, source, said):
-    with pytest.raises(MitigationError, match=said) as caught:
+    with refused(MitigationError, said):
         create("custom", W, file=method(tmp_path, source.format(HEAD)))
-    assert "\n" not in str(caught.value)
 
 
 @pytest.fixture(scope="module")
@@ -109,13 +107,12 @@ def plain(tmp_path_factory):
 
 def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str, np.ndarray]:
     """Results of the altimeters of any flowgraph."""
-    prepared = Prepared(generate(data, folder))
+    known = {block["name"] for block in data["blocks"]}
     parameters = {"scene_file": str(write_scene(scene, folder / "scene.yaml"))}
-    if any(block["name"] == "drop_when_slow" for block in data["blocks"]):
-        parameters["drop_when_slow"] = 0
-    if any(block["name"] == "sir_db" for block in data["blocks"]):
-        parameters["sir_db"] = "scene"
-    top = load_class(prepared)(**parameters)
+    parameters |= {
+        key: value for key, value in {"drop_when_slow": 0, "sir_db": "scene"}.items() if key in known
+    }
+    top = load_class(Prepared(generate(data, folder)))(**parameters)
     run_to_end(top, time_limit_s=patient(60))
     return {name: getattr(top, f"altimeter_{name}").results() for name in names}
 

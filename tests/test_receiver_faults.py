@@ -1,5 +1,7 @@
 """A receiver's faults that leave frames valid and wrong: each has its right status, and none gives a wrong altitude."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from frames import N, W, measured, noise
@@ -15,6 +17,7 @@ PREAMBLE, TRIALS, BROKEN = 8, 150, 40  # frames; the fault begins with trial fra
 SPEED = -5.0
 
 
+@lru_cache(maxsize=3)
 def descent(frames: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Altitudes in mid-frame at 5 m/s down, and frames at an SNR of 10 dB."""
     rng = np.random.default_rng(seed)

@@ -6,6 +6,7 @@ import wave
 
 import numpy as np
 import pytest
+from hostile import refused
 from scipy.io import savemat, wavfile
 
 from radalt.core.interference import Interferer, interference_frame
@@ -113,10 +114,10 @@ def numbers(path, kind, mean=0.0, rms=300.0):
 def test_what_is_no_samples_of_that_type_is_refused(tmp_path, make, datatype, said):
     path = tmp_path / "air.bin"
     make(path)
-    with pytest.raises(ValueError, match=said) as caught:
+    with refused(ValueError, said) as caught:
         emitter = RecordingEmitter(file=str(path), datatype=datatype, rate_hz=7.5e6 if datatype else None)
         emitter.samples(100, RATE_HZ, np.random.default_rng(6))
-    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize("effects", [{}, {"fading": {"profile": "EVA"}}])
@@ -154,9 +155,8 @@ def test_a_scene_names_it_and_its_origin_is_noted(tmp_path):
 def test_what_does_not_fit_is_one_line(tmp_path, change, said):
     meta = write(tmp_path, np.exp(2j * np.pi * 0.01 * np.arange(30_000)), 7.5e6)
     emitter = RecordingEmitter(**{"file": str(meta), **change})
-    with pytest.raises(ValueError, match=said) as caught:
+    with refused(ValueError, said):
         emitter.samples(100, RATE_HZ, np.random.default_rng(6))
-    assert "\n" not in str(caught.value)
 
 
 def noisy(samples, snr_db, rng):

@@ -12,9 +12,9 @@ import ota_eval
 import pytest
 import sigmf
 import uhd_double
-from hostile import assert_refused, ended
+from hostile import assert_refused, ended, refused
 from scipy import signal
-from waiting import patient
+from waiting import ROOT, patient
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation import CUSTOM, METHODS
@@ -28,8 +28,6 @@ from radalt.evaluation.flowgraph.replay import prepare_replay, replay_scene, run
 from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.radios.hardware import run_hardware
 from radalt.evaluation.results.folder import FolderError, read_report
-
-ROOT = Path(__file__).resolve().parent.parent
 
 EVERY_METHOD = (*METHODS, CUSTOM)
 
@@ -234,9 +232,7 @@ AS_OTHERS_WRITE = {  # global, annotations
     "extensions as an object": lambda head, notes: head.update({"core:extensions": {"antenna": "optional"}}),
     "no author": lambda head, notes: head.update({"core:author": None}),
     "keys of a namespace not declared": lambda head, notes: head.update({"sdrangel:version": "7.2"}),
-    "unsorted annotations": lambda head, notes: notes.extend(
-        {"core:sample_start": start, "core:sample_count": 1} for start in (5000, 10)
-    ),
+    "unsorted annotations": lambda head, notes: notes.extend({"core:sample_start": k} for k in (5000, 10)),
     "an annotation past the end": lambda head, notes: notes.append({"core:sample_start": 7501}),
 }
 
@@ -247,11 +243,9 @@ def test_what_other_programs_write_is_read(tmp_path, how):
     path = write_foreign(tmp_path, sweeps(1), 7.5e6, "cf32_le")
     rewritten(path, lambda meta: AS_OTHERS_WRITE[how](meta["global"], meta["annotations"]))
     path.write_bytes(codecs.BOM_UTF8 + path.read_bytes())
-    capture = open_capture(path)
+    capture, note = open_capture(path), "annotations go on behind the last sample; are the data whole?"
     assert capture.sample_count == 7500
-    assert [note.partition(": ")[2] for note in capture.notes] == (
-        ["annotations go on behind the last sample; are the data whole?"] if "past" in how else []
-    )
+    assert [note.partition(": ")[2] for note in capture.notes] == [note] * ("past" in how)
 
 
 @pytest.mark.parametrize(
@@ -287,8 +281,8 @@ def test_a_recording_that_begins_airborne_says_so_or_takes_the_altitude(tmp_path
     assert "altitudes are relative to its first sweeps" in capsys.readouterr().err
     assert ota_eval.main([*words, str(tmp_path / "true"), "--reference-m", "500"]) == 0
     assert capsys.readouterr().err == ""
-    with (tmp_path / "true" / "frames.csv").open() as file:
-        altitudes = [float(row["altitude_m"]) for row in csv.DictReader(file)]
+    rows = csv.DictReader((tmp_path / "true/frames.csv").read_text().splitlines())
+    altitudes = [float(row["altitude_m"]) for row in rows]
     assert np.allclose(altitudes[2:15], 500.0, atol=1.0) and np.allclose(altitudes[-12:], 300.0, atol=1.0)
     assert (tmp_path / "true" / "altitude.png").is_file()
 
@@ -319,12 +313,10 @@ def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
         path.write_bytes(NONE_AT_ALL[how])
     else:
         rewritten(path, lambda meta: DAMAGE[how](meta, path.with_suffix(".sigmf-data")))
-    with pytest.raises(RecordingError) as caught:
+    with refused(RecordingError, "foreign.sigmf-meta") as caught:
         open_capture(path)
-    assert "foreign.sigmf-meta" in str(caught.value)
     assert ("foreign.sigmf-data: cannot be read (No such file" in str(caught.value)) == (how == "no data")
     assert how in str(caught.value) or "core:" not in how
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,11 @@
 import dataclasses
 import importlib
 import pkgutil
+import re
 
 import numpy as np
 import pytest
+from hostile import refused
 
 from radalt import core, method, simulate
 from radalt.core.altimeter.altimeter import Altimeter, AltimeterSettings
@@ -162,6 +164,5 @@ def test_every_declared_limit_is_held():
 
 @pytest.mark.parametrize(("make", "said"), REFUSED, ids=[said for _, said in REFUSED])
 def test_what_cannot_be_is_refused_in_one_line(make, said):
-    with pytest.raises(ValueError) as error:
+    with refused(ValueError, re.escape(said)):
         make()
-    assert said in str(error.value) and "\n" not in str(error.value)

@@ -6,7 +6,6 @@ import socket
 import threading
 import time
 from itertools import islice
-from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -15,7 +14,8 @@ import pytest
 import uhd_double
 import zmq
 from gnuradio import gr, radalt
-from waiting import patient, wait_for
+from hostile import assert_line, refused
+from waiting import ROOT, patient, wait_for
 
 from radalt.core.radio.control import RequestError, parse_request
 from radalt.core.radio.endpoint import check_endpoint
@@ -44,9 +44,8 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
     ],
 )
 def test_a_malformed_request_is_named(text, message):
-    with pytest.raises(RequestError, match=message) as caught:
+    with refused(RequestError, message):
         parse_request(text, **LIMITS)
-    assert len(str(caught.value)) <= 300 and str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize(
@@ -135,8 +134,7 @@ def test_jammer_and_methods_are_set(loop):
     before = client.request("get")["frames"]
     assert {m["method"] for m in client.messages(0.5) if m["type"] == "result"} == {"none"}
     after = client.request("get")["frames"]
-    assert after["whitening"] == before["whitening"]
-    assert after["none"] > before["none"]
+    assert after["whitening"] == before["whitening"] and after["none"] > before["none"]
 
 
 def test_malformed_requests_are_answered_and_change_nothing(loop):
@@ -155,10 +153,8 @@ def test_malformed_requests_are_answered_and_change_nothing(loop):
             asking.send_multipart(parts)
             assert asking.poll(1000 * patient(2))
             reply = json.loads(asking.recv())
-            assert reply["ok"] is False
-            assert reply["version"] == 1
-            assert "\n" not in reply["error"]
-            assert len(reply["error"]) <= 300
+            assert (reply["ok"], reply["version"]) == (False, 1)
+            assert_line(reply["error"])
     after = client.request("get")
     assert (after["altitude_m"], after["overlap"]) == (before["altitude_m"], before["overlap"])
     assert (after["errors"], after["transmit"]) == (0, "none")
@@ -434,7 +430,6 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
 
 @pytest.mark.parametrize("jammer", [True, False])
 def test_the_remote_flowgraph_for_the_air_is_controlled(jammer):
-    data = prune(load_grc(Path(__file__).parent.parent / "flowgraphs/ota_b210.grc"), ["none"], jammer)
-    blocks = {block["name"]: block for block in remote(data, "it")["blocks"]}
-    assert blocks["radar_gate"]["parameters"]["controlled"] == "bool(control)"
-    assert blocks["jammer_gate"]["parameters"]["controlled"] == "bool(control)"
+    data = prune(load_grc(ROOT / "flowgraphs/ota_b210.grc"), ["none"], jammer)
+    made = {block["name"]: block["parameters"].get("controlled") for block in remote(data, "it")["blocks"]}
+    assert made["radar_gate"] == made["jammer_gate"] == "bool(control)"

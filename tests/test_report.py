@@ -81,6 +81,11 @@ def test_the_report_begins_with_the_best_method_and_what_it_is_paired_with():
     )
     assert "above 0, `tcae` 0.100 (0.041 to 0.159) above `none` on the same 100 frames. Most" in text
     assert "Most wrong and valid: `none`, 10 of 100" in text
+    tied = [row | {"method": name} for row in rows if row["method"] == "none" for name in ("none", "as none")]
+    assert "valid: every method, 10 of 100" in verdict(tied, "simulated", {"bandwidth_hz": 7.5e6})
+    assert "valid: `none` and `as none`, 10" in verdict(
+        [*rows, tied[1]], "simulated", {"bandwidth_hz": 7.5e6}
+    )
     twin = [row | {"method": "twin"} for row in rows if row["method"] == "tcae"]
     assert "| tcae | twin | 100 | no frame differs |" in against([*rows, *twin], "tcae")
     assert "|---|---|---:|" in table("case | cause | count", [["a", "", 1], ["b", "", 2]])
@@ -127,7 +132,6 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path, undrawn):
     assert "| 1 | 0 | – | – |" in page.read_text(encoding="utf-8")
 
 
-# -- rows on disk -------------------------------------------------------------------------------------------------
 def test_rows_of_another_seed_do_not_hold(tmp_path):
     """Somebody copied the journal: same points, same columns, whole lines."""
     for name, seed in (("a", 1), ("b", 2)):
@@ -140,7 +144,6 @@ def test_rows_of_another_seed_do_not_hold(tmp_path):
     assert again.done == {} and again.rejected == [f"{journal}:1"]
 
 
-# -- one run, one folder ------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ["report.md", "scene.yaml", "rows.csv", "thesis.tex"])
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_folder_with_somebodys_own_files_is_refused_and_left_alone(tmp_path, name, resume):
@@ -177,7 +180,6 @@ def test_resume_refuses_another_scene_model_or_version_and_names_the_difference(
         RunFolder(tmp_path / "a", head, resume=True)
 
 
-# -- report -------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
@@ -252,7 +254,6 @@ def test_a_title_says_who_leads_or_that_nobody_does():
     assert said_of_pd(weak, "sir_db").startswith("No method holds Pd 0.9. No method differs: Pd 0.5 down to")
 
 
-# -- pooling ------------------------------------------------------------------------------------------------------
 def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_path):
     a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of(seed=2))
     _, notes = collect([a, b], tmp_path / "all")
@@ -312,7 +313,7 @@ def test_what_is_not_comparable_is_refused_with_folders_key_and_values(tmp_path,
     b = finished(tmp_path / "b", replace(scene, **change(scene)), methods)
     with pytest.raises(PoolError, match=key) as caught:
         collect([a, b], tmp_path / "all")
-    assert str(a) in str(caught.value) and str(b) in str(caught.value) and "\n" not in str(caught.value)
+    assert all(str(folder) in str(caught.value) for folder in (a, b)) and "\n" not in str(caught.value)
     assert not (tmp_path / "all").exists()
 
 
@@ -364,7 +365,6 @@ def test_simulated_and_real_runs_are_series_of_their_own(tmp_path, undrawn):
     assert {r["series"] for r in pooled} == {"none", "tcae", "none, on the air", "tcae, on the air"}
 
 
-# -- report.html --------------------------------------------------------------------------------------------------
 def test_figures_are_the_same_bytes_for_the_same_rows_in_three_formats(whole, tmp_path):
     for folder in ("first", "again"):
         (tmp_path / folder).mkdir()

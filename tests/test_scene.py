@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 import yaml
+from hostile import refused
+from waiting import ROOT
 
 from radalt.core.interference import QpskEmitter, ToneEmitter
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_from_parameters, scene_to_mapping
 from radalt.evaluation.engine.options import number
 from radalt.evaluation.overlap.points import parse_axis
 
-ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = sorted((ROOT / "flowgraphs/scenes").glob("*.yaml"))
 
 FULL = """
@@ -120,12 +121,9 @@ WRONG = [
 def test_wrong_scene_is_one_line_with_file_key_value_and_what_is_allowed(text, key, value, allowed, tmp_path):
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
-    with pytest.raises(SceneError) as raised:
+    with refused(SceneError, path.name) as raised:
         load_scene(path)
-    line = str(raised.value)
-    assert "\n" not in line
-    for part in (path.name, key, value, allowed):
-        assert part in line, line
+    assert [part for part in (key, value, allowed) if part not in str(raised.value)] == []
 
 
 NAMES_FILE = {  # a key of a scene, and a value of it that names a file

@@ -121,6 +121,6 @@ def test_the_command_lies_next_to_the_environments_python(root, tmp_path):
     environment.mkdir(parents=True)
     (environment / "python").symlink_to(sys.executable)
     made = [f"VENV={tmp_path}/env", f"STAMPS={tmp_path}", "-o", f"{tmp_path}/debian", f"{environment}/radalt"]
-    assert ran("make", *made, cwd=root).returncode == 0
+    ran("make", *made, cwd=root, check=True)
     done = ran(environment / "radalt", "--version", cwd=tmp_path, env=os.environ | {"PYTHONPATH": ""})
     assert (done.stdout, done.stderr) == (f"radalt {radalt.__version__}\n", "")

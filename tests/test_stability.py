@@ -30,7 +30,7 @@ def not_passed(rows):
     return [f"{r['case']}: {r['chain']}: {r['verdict']} {r['reasons']}" for r in bad]
 
 
-@pytest.mark.parametrize("method", ["none", "whitening", "nlms"])
+@pytest.mark.parametrize("method", ["whitening", "nlms"])  # the run below judges "none"
 def test_number_range_and_converters(method):
     """Zeros, denormals, NaN, infinity, 1e38, one bit: no exception, no wrong altitude, the next frame right again."""
     assert not not_passed(judge_all(cases.number_cases(), compared_chains([method])))

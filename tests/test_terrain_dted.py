@@ -4,6 +4,7 @@ import dted
 import numpy as np
 import pytest
 from _landing_scenario import cell_posts
+from hostile import refused
 from make_landing_data import main, write_dted
 
 from radalt.core.returns.terrain import VOID_M, DtedCell, Terrain, TerrainError
@@ -92,9 +93,8 @@ def test_defective_files_get_one_line(tmp_path):
     }
     for name, content in cases.items():
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(TerrainError, match=name) as caught:
+        with refused(TerrainError, name):
             DtedCell.load(tmp_path / name)
-        assert "\n" not in str(caught.value)
     with pytest.raises(TerrainError, match=r"missing\.dt0"):
         DtedCell.load(tmp_path / "missing.dt0")
     nothing = np.full((121, 121), VOID_M, np.int16)

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hostile import assert_refused, ended
+from hostile import assert_refused, ended, refused
 
 from radalt.core.channel.auxiliary import Direction
 from radalt.core.deramp.profile import PROVENANCES, load_profile, profile_names
@@ -52,9 +52,8 @@ def test_every_number_of_a_profile_has_a_source_and_a_standing(name):
 def test_a_wrong_number_gets_one_line(tmp_path, line, message):
     path = tmp_path / "mine.yaml"
     path.write_text(f"base: fmcw_150mhz\nname: mine\nnumbers:\n{line}\n")
-    with pytest.raises(InputError, match=message) as error:
+    with refused(InputError, message):
         load_profile(path)
-    assert "\n" not in str(error.value)
 
 
 def test_a_base_is_a_file_next_to_it_or_a_shipped_profile(tmp_path):
@@ -220,7 +219,7 @@ def test_fitted_profiles_break_where_published_tests_have_it(name, feet, low_dbm
 
 
 def test_a_second_channel_takes_out_what_both_receive_and_leaves_the_return():
-    trials = [Trial(load_profile("poor"), "nr10", m, 20, 1) for m in ("none", "auxiliary_cancel")]
+    trials = [Trial(load_profile("poor"), "nr10", m, 8, 1) for m in ("none", "auxiliary_cancel")]
     back = trials[0].returns(200.0)
     fails = [any(judged(*trial.outputs(back, -46.0), 200 * FT, 0.06).values()) for trial in trials]
     assert fails == [True, False]
@@ -236,7 +235,7 @@ def test_weights_follow_a_delay_along_the_sweep(delay_ns, rails, cancel, fall_db
     """A single rail of the first channel holds the conjugate as well."""
     profile = altered(load_profile("fmcw_150mhz"), "without compression")
     second = replace(AUXILIARY, directions=(Direction(delay_s=1e-9 * delay_ns),))
-    trial = Trial(profile, "white_noise", "auxiliary_cancel", 20, 1, auxiliary=second, cancel=cancel)
+    trial = Trial(profile, "white_noise", "auxiliary_cancel", 4, 1, auxiliary=second, cancel=cancel)
     back, part = trial.returns(2500.0), slice(0, 8)
     trial.outputs(back, None)  # measures the isolation
     first = trial._channel(0, back, -10.0, part)
@@ -247,7 +246,7 @@ def test_weights_follow_a_delay_along_the_sweep(delay_ns, rails, cancel, fall_db
 
 def test_a_locked_sweep_lies_within_the_span_and_wins_there():
     low = replace(load_profile("fmcw_150mhz"), max_altitude_ft=1000.0)
-    trial = Trial(low, "equal_locked", "none", 20, 1)
+    trial = Trial(low, "equal_locked", "none", 8, 1)
     status, altitude = trial.outputs(trial.returns(200.0), -50.0)
     assert (status == Status.NORMAL).all()
     assert altitude == pytest.approx(locked_m(low) - low.installation_delay_ft * FT, abs=0.5)

@@ -8,6 +8,7 @@ import interferers
 import numpy as np
 import pytest
 from frames import W
+from hostile import refused
 
 from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
@@ -186,6 +187,5 @@ def test_training_hears_the_recordings_of_its_part_only(tmp_path, monkeypatch):
 
 def test_a_recording_that_is_not_there_is_one_line(tmp_path):
     said = r"recording .*none.sigmf-data: No such file.*; name a .sigmf-meta"
-    with pytest.raises(ValueError, match=said) as caught:
+    with refused(ValueError, said):
         data.split_recordings([str(tmp_path / "none.sigmf-meta")])
-    assert "\n" not in str(caught.value)

@@ -3,7 +3,6 @@
 Here it is unpacked and used with the packages of these tests, nothing of the source tree on any path."""
 
 import os
-import subprocess
 import zipfile
 from pathlib import Path
 
@@ -23,8 +22,7 @@ sys.meta_path.insert(0, Absent())
 @pytest.fixture(scope="module")
 def wheel(root: Path, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
-    done = ran_python("-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=root)
-    assert done.returncode == 0, done.stderr
+    ran_python("-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=root, check=True)
     (file,) = folder.iterdir()
     return file
 
@@ -38,10 +36,11 @@ def site(wheel: Path, tmp_path_factory) -> Path:
     return folder
 
 
-def python(site: Path, folder: Path, *words: str, more: tuple[Path, ...] = ()) -> subprocess.CompletedProcess:
+def python(site: Path, folder: Path, *words: str, more: tuple[Path, ...] = ()) -> str:
+    """What a program says that ends with status 0."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "GRC_", "RADALT"))}
     env = kept | {"PYTHONPATH": os.pathsep.join(map(str, (site, *more)))}
-    return ran_python(*words, cwd=folder, env=env, limit_s=150)
+    return ran_python(*words, cwd=folder, env=env, limit_s=150, check=True).stderr
 
 
 def test_it_is_pure_small_and_whole(root, wheel):
@@ -64,9 +63,7 @@ assert len(radalt.evaluate("nr5", ["none", "tcae"], **point, progress=False).tab
 from radalt.evaluation import programs
 assert programs.main(["eval", "--sim"]) == programs.main(["remote", "--sim"]) == 2
 """
-    done = python(site, tmp_path, "-c", code)
-    assert done.returncode == 0, done.stderr
-    lines = done.stderr.splitlines()
+    lines = python(site, tmp_path, "-c", code).splitlines()
     assert len(lines) == 2
     assert all("has no GNU Radio 3.10, which this command needs" in line for line in lines)
     assert all("radalt.evaluate in Python" in line for line in lines)
@@ -77,9 +74,8 @@ def test_another_version_is_named_in_one_line(site, tmp_path):
     (other / "radalt").mkdir(parents=True)
     (other / "radalt/__init__.py").write_text('__version__ = "0.0.7"\n')
     words = ("-m", "radalt", "collect", "--help")
-    assert python(site, tmp_path, *words).stderr == ""
-    done = python(site, tmp_path, *words, more=(other,))
-    assert done.returncode == 0 and done.stderr.count("\n") == 1
-    assert f"0.0.7 is installed in {other / 'radalt'}; remove one of them" in done.stderr
-    flowgraph = python(site, tmp_path, "-c", "import gnuradio.radalt", more=(other,))
-    assert "0.0.7 is installed" in flowgraph.stderr
+    assert python(site, tmp_path, *words) == ""
+    said = python(site, tmp_path, *words, more=(other,))
+    assert said.count("\n") == 1
+    assert f"0.0.7 is installed in {other / 'radalt'}; remove one of them" in said
+    assert "0.0.7 is installed" in python(site, tmp_path, "-c", "import gnuradio.radalt", more=(other,))

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 
 import numpy as np
 import pmt
 from gnuradio import gr, uhd
 
 LATENCY = 150  # samples from TX to RX
+AHEAD = 100 * 7500  # samples that a transmitter, which sends at the sample rate, may be ahead of the receiver
 
 # of a scene: both in one enclosure, on one clock
 RADIO = {
@@ -27,28 +29,22 @@ RADIO = {
 }
 
 
+@dataclass(kw_only=True, eq=False)
 class Air:
     """Virtual time, moved by `sleep` alone or, if ``ticking``, by the machine's; recorded calls; samples on the way."""
 
-    def __init__(
-        self,
-        *,
-        master_clock_hz: float | None = None,
-        locks: bool = True,
-        gain: float = 0.5,
-        ticking: bool = False,
-        mboard_id: str = "B210",
-        sensors: tuple[str, ...] = ("lo_locked",),
-        deaf: frozenset[str] = frozenset(),
-        event: str = "underflow",
-    ) -> None:
-        """``master_clock_hz`` None is the one asked for; ``deaf`` devices receive noise alone; ``event`` is the message
-        of each transmitter at its start."""
-        self.mboard_id, self.sensors, self.deaf, self.event = mboard_id, sensors, deaf, event
+    master_clock_hz: float | None = None  # None: the one asked for
+    locks: bool = True
+    gain: float = 0.5
+    ticking: bool = False
+    mboard_id: str = "B210"
+    sensors: tuple[str, ...] = ("lo_locked",)
+    deaf: frozenset[str] = frozenset()  # devices that receive noise alone
+    event: str = "underflow"  # the message of each transmitter at its start
+
+    def __post_init__(self) -> None:
         self.calls: list[tuple] = []
-        self.master_clock_hz, self.locks, self.gain = master_clock_hz, locks, gain
-        self.ticking, self.slept, self.zero = ticking, 100.25, {}
-        self.begin = time.monotonic()
+        self.slept, self.zero, self.begin = 100.25, {}, time.monotonic()
         self.lock = threading.Lock()
         self.reset()
 
@@ -56,6 +52,7 @@ class Air:
         """Nothing on the way: before a flowgraph's first block is made."""
         self._room = {device: np.zeros(0, np.complex64) for device in ("radar", "jammer")}
         self.sent = dict(self._room)  # the filled start of each
+        self.given = 0  # samples that the receiver has taken
         self.ended: set[str] = set()
         self.blocks: list[object] = []
         self.over = False
@@ -72,6 +69,8 @@ class Air:
         return self.now - self.zero.get(device, 0.0)
 
     def send(self, device: str, samples: np.ndarray) -> None:
+        while self.sent[device].size > self.given + AHEAD and not (self.ended or self.over):
+            time.sleep(0.001)
         with self.lock:
             first, end = self.sent[device].size, self.sent[device].size + samples.size
             if end > self._room[device].size:  # at least doubled, or each call copies all that was sent
@@ -89,6 +88,7 @@ class Air:
                 low, high = first - LATENCY, first - LATENCY + out.size
                 part = samples[max(0, low) : max(0, high)]
                 out[max(0, -low) : max(0, -low) + part.size] += part
+            self.given = first + out.size
         return out
 
 

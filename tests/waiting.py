@@ -1,4 +1,4 @@
-"""What tests that wait for something else share: a limit, and a failure that says what did not come."""
+"""What tests that run something else share: where it lies, a limit, and a failure that says what did not come."""
 
 import contextlib
 import os
@@ -8,6 +8,8 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent  # of the source tree
 
 
 def crowd() -> float:
@@ -49,10 +51,11 @@ def started(*command: object, **options: object) -> subprocess.Popen[str]:
     return subprocess.Popen([str(word) for word in command], **pipes | options)
 
 
-def ran(*command: object, limit_s: float = 120.0, **options: object) -> subprocess.CompletedProcess[str]:
-    """A program that has ended, and all that it started with it; ``options`` as of `started`."""
+def ran(*command: object, limit_s=120.0, check=False, **options: object) -> subprocess.CompletedProcess[str]:
+    """A program that has ended, and what it started, with status 0 if ``check``; ``options`` as of `started`."""
     process = started(*command, **options)
     out, err = end_of(process, limit_s=limit_s)
+    assert not (check and process.returncode), f"{process.args} ended with {process.returncode}\n{out}\n{err}"
     return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 

@@ -118,7 +118,7 @@ def on_page_content(html: str, page: Any, config: Any, **_: Any) -> str:
         return f'<a href="{above}{files.get(found[1], f"{found[1]}.html")}">{found[0]}</a>'
 
     html = re.sub(r"\bdocs/([\w-]+)\.md\b", link, html)
-    html = re.sub(r"<td([^>]*)>(?=[\d\s./e:–≤≥+%()-]+</td>)", r'<td\1 class="numbers">', html)
+    html = re.sub(r"<td([^>]*)>(?=[\d\s./e:–≤≥+%()-]*</td>)", r'<td\1 class="numbers">', html)
     # long names of tests, keys, cases and modules may break there
     html = html.replace(".py::test_", ".py::<wbr>test_")
     html = re.sub(

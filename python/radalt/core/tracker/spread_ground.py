@@ -59,6 +59,9 @@ _LEAN = 0.05
 # Rise after a dip, and fall, as power ratios, at which ground ends: beyond it powers stay as they are.
 _DIP, _END = 4.0, 0.03
 _BEFORE = 6.0  # resolution cells before the edge in which the shape's side lobes are weighted
+# A method's lobes lie alike on both sides of a point, and below the peak: of power one to four resolution cells off, at
+# most so many times as much lies beyond it as before it, and that is in the mean at most -6 dB.
+_ALIKE_SIDES, _LOBES = 1.8, 0.25
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,11 @@ class SpreadGround:
         self._x, self._kinds, self._shapes, self._costs, self._inverse = _shapes(window)
         self._kept: tuple[np.ndarray, ...] = (np.zeros(0, dtype=int),) * 3
 
-    def find(self, ratio: np.ndarray) -> Ground | None:
-        """Ground in a block's normalised spectra (m, 2, J); None where the strongest return is a point or not clear."""
+    def find(self, ratio: np.ndarray, *, cleaned: bool = False) -> Ground | None:
+        """Ground in a block's normalised spectra (m, 2, J); None where the strongest return is a point or not clear.
+
+        ``cleaned``: by a method, which may have widened a point.
+        """
         t = self.tables
         weights, variance = np.ones(ratio.shape[1:], dtype=np.float32), 0.0
         rises = []
@@ -91,6 +97,8 @@ class SpreadGround:
             if not t.first <= peak < t.last or power[peak] < _CLEAR * floor:
                 return None
             rises.append((power, floor, peak, self._rise(power, peak)))
+        if cleaned and self._has_lobes(rises):
+            return None
         looks = self._looks(ratio, [rise for *_, rise in rises])
         if looks is None:
             return None
@@ -106,6 +114,16 @@ class SpreadGround:
         beat_hz = float(t.beat_hz[0] + cells * t.cell_hz)
         altitude_m = float(t.waveform.beats_to_altitude_m(beat_hz, -beat_hz)) + _BIAS_M
         return Ground(weights, float(np.sqrt(variance)) * self._cell_m, altitude_m)
+
+    def _has_lobes(self, rises: list[tuple[np.ndarray, float, int, int]]) -> bool:
+        """Whether the peaks have the lobes that a method gives to a point, on both sides."""
+        near, far = (round(cells * self.tables.resolution_cells) for cells in (1, 4))
+        beyond = before = 0.0
+        for power, floor, peak, _ in rises:
+            relative = (power - floor) / power[peak] / len(rises) / (far - near)
+            beyond += float(relative[peak + near : peak + far].sum())
+            before += float(relative[max(0, peak - far) : max(0, peak - near)].sum())
+        return beyond < _ALIKE_SIDES * before < _ALIKE_SIDES * _LOBES
 
     def _rise(self, power: np.ndarray, peak: int) -> int:
         """Cell at which the rise to a peak begins."""

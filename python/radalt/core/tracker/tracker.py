@@ -278,12 +278,7 @@ class AltitudeTracker:
         """The frames at these places of the block that ends with frame ``last``."""
         ground, places = self.spread.find(self._received[at]), at.astype(float)
         if ground is None and self._beside:  # interference may hide it there
-            ground = self.spread.find(self._ratio[at])
-            if ground is not None:  # or a method has widened a point
-                point = Block(self.integrator, self._ratio[at], places).best()
-                received = Block(self.integrator, self._received[at], places)
-                if point is not None and received.shows(point, self._integrity.received_threshold):
-                    ground = None
+            ground = self.spread.find(self._ratio[at], cleaned=True)
         weights, edge_m = (np.float32(1.0), 0.0) if ground is None else (ground.weights, ground.deviation_m)
         block = Block(self.integrator, self._ratio[at] * weights, places)
         beyond = self._beyond[at][np.isfinite(self._beyond[at])]

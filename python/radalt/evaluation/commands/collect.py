@@ -1,6 +1,6 @@
 """Pool result folders of ota_eval into one report: Pd against overlap of all runs together.
 
-    .venv/bin/python flowgraphs/collect.py results/monday results/tuesday other_lab/run3 --out results/all
+    .venv/bin/python flowgraphs/collect.py results/bench_1 results/bench_2 other_lab/run3 --out results/all
 
 Counts of runs with equal settings are added and their intervals recomputed; two methods are compared on the frames
 that both have, those of equal seeds. Simulated runs and runs with radios are kept apart. Runs that are not comparable

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..results.figure import COLUMN_IN, new_figure, save_figure, say
+from ..results.figure import COLUMN_IN, in_lines, new_figure, save_figure, say
 from ..results.labels import name_curves
 from ..results.pareto import draw_pareto
 from ..results.score import CORRECT_LIMIT_M, pool
@@ -77,11 +77,8 @@ def draw_error(
 
     def lines(mine: Sequence[Row]) -> list[_Line]:
         bound = bounds_m.get(mine[0]["snr_db"])
-        return (
-            [(bound, "Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound", "-"), _LIMIT]
-            if bound
-            else [_LIMIT]
-        )
+        named = bound, "Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound", "-"
+        return [named, _LIMIT] if bound else [_LIMIT]
 
     rows = _measured(rows)
     titles = said_of_error(rows), f"{settings}\nall trials, detected or not; 95 % intervals (delta method)"
@@ -287,7 +284,7 @@ def _finish(
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(ylabel, fontsize=9)
     head, foot = titles
-    figure.suptitle(textwrap.fill(head, int(11 * figure.get_figwidth())), fontsize=10.5)
+    figure.suptitle(in_lines(head, int(11 * figure.get_figwidth())), fontsize=10.5)
     wide = int(14 * figure.get_figwidth())  # characters of this size in a line
     figure.supxlabel("\n".join(textwrap.fill(line, wide) for line in foot.splitlines()), fontsize=8.5)
     if names:

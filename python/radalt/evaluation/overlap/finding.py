@@ -53,11 +53,12 @@ def lead(rows: Sequence[Row]) -> tuple[list[str], str | None]:
     return first, None
 
 
-def most_wrong(rows: Sequence[Row]) -> tuple[Score, str]:
-    """The score of the series with the most wrong and valid altitudes, and its name."""
+def most_wrong(rows: Sequence[Row]) -> tuple[Score, list[str]]:
+    """The score of the series with the most wrong and valid altitudes, and their names; no name where all are equal."""
     totals = {name: pool(mine) for name, mine in series_of(rows).items()}
-    worst = max(totals, key=lambda name: totals[name].wrong)
-    return totals[worst], worst
+    total = max(totals.values(), key=lambda score: score.wrong)
+    worst = [name for name, score in totals.items() if score.wrong == total.wrong]
+    return total, worst if len(worst) < max(2, len(totals)) else []
 
 
 def said_of_wrong(rows: Sequence[Row]) -> str:
@@ -65,7 +66,8 @@ def said_of_wrong(rows: Sequence[Row]) -> str:
     total, worst = most_wrong(common(rows))
     if not total.wrong:
         return f"No altitude called valid is wrong, of {total.trials} trials of each method"
-    return f"{worst} has the most wrong altitudes called valid: {total.wrong} of {total.trials}"
+    who = said(worst, "has", "have") if worst else "No method has fewer than"
+    return f"{who} the most wrong altitudes called valid: {total.wrong} of {total.trials}"
 
 
 def said_of_error(rows: Sequence[Row]) -> str:

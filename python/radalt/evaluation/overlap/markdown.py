@@ -9,7 +9,7 @@ import numpy as np
 from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.score import pool
-from ..results.table import DASH, counted, interval, metres, number, signed_metres, table
+from ..results.table import DASH, counted, interval, listed, metres, number, signed_metres, table
 from .finding import by_pd, lead, most_wrong, paired, said_of_pd
 from .panels import Row, common, panels, series_of, spread, with_interference
 
@@ -53,7 +53,7 @@ def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
     rows = common(rows)
     where = "all overlaps above 0" if len(rows) == len(measured) else "the points that every method has"
     total, worst = most_wrong(rows)
-    wrong = f"`{worst}`, {total.wrong} of {total.trials}"
+    wrong = f"{listed([f'`{name}`' for name in worst]) or 'every method'}, {total.wrong} of {total.trials}"
     if not total.wrong:
         wrong = f"none of {total.trials} of any method"
     best, after = lead(rows)
@@ -61,9 +61,8 @@ def verdict(rows: Sequence[Row], source: str, waveform: dict[str, Any]) -> str:
     if found is not None:
         frames, difference, low, high = found
         whose = f"`{best[0]}` " * (len(best) > 1)
-        apart = (
-            f", {whose}{difference:.3f} ({low:.3f} to {high:.3f}) above `{after}` on the same {frames} frames"
-        )
+        level = f"{difference:.3f} ({low:.3f} to {high:.3f})"
+        apart = f", {whose}{level} above `{after}` on the same {frames} frames"
     return (
         f"**{said_of_pd(rows, mark='`')}** over {where}{apart}. "
         f"Most wrong and valid: {wrong} (95 % bound {100 * total.wrong_bound:.2g} %). "
@@ -81,10 +80,8 @@ def against(rows: Sequence[Row], best: str) -> str:
             shown = [NOT_MEASURED] * 2
             if found is not None:
                 frames, difference, low, high = found
-                apart = (
-                    f"{difference:+.3f} ({low:+.3f} to {high:+.3f})" if any(found[1:]) else "no frame differs"
-                )
-                shown = [str(frames), apart]
+                level = f"{difference:+.3f} ({low:+.3f} to {high:+.3f})"
+                shown = [str(frames), level if any(found[1:]) else "no frame differs"]
             lines.append([best, name, *shown])
     return table(["A", "B", "frames of both", "Pd of A less that of B"], lines)
 

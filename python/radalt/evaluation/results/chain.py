@@ -26,8 +26,6 @@ class Chain:
     precision: str = "float32"  # arithmetic precision of the method; a model's metadata override it
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
     looks: int = 1  # consecutive frames whose power spectra are averaged for one altitude
-    # whether the method forgets the frame before (`Mitigation.independent`): frames drawn anew are no stream
-    independent: bool = False
 
     @classmethod
     def of_model(cls, model: Path) -> "Chain":
@@ -39,8 +37,7 @@ class Chain:
     def build(self, waveform: Waveform) -> Mitigation:
         """A new method; raises `MitigationError` if it does not fit the waveform."""
         span_m = self.settings.resolved(waveform).max_altitude_m
-        options = dict(self.options)
-        return create(self.method, waveform, max_altitude_m=span_m, independent=self.independent, **options)
+        return create(self.method, waveform, max_altitude_m=span_m, **dict(self.options))
 
     @property
     def model(self) -> Path | None:

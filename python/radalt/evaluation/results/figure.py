@@ -3,7 +3,9 @@
 import contextlib
 import io
 import os
+import re
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
@@ -49,6 +51,13 @@ def new_figure(width: float, height: float, *, dpi: int = 160, shown: bool = Fal
     return figure
 
 
+def in_lines(text: str, width: int) -> str:
+    """``text`` in lines of at most ``width`` characters; in two behind a colon or semicolon, where these hold it."""
+    marks = (found.end() for found in re.finditer("[:;] ", text))
+    at = next((end for end in marks if max(end - 1, len(text) - end) <= width < len(text)), 0)
+    return f"{text[: at - 1]}\n{text[at:]}" if at else textwrap.fill(text, width)
+
+
 def say(axis: Any, x: Sequence[float], y: Sequence[float], texts: Sequence[str]) -> None:
     """Store the tooltips of an axis' points for `save_figure`."""
     said = getattr(axis.figure, "radalt_said", [])
@@ -85,9 +94,8 @@ def save_figure(figure: Any, path: Path) -> None:
             ticks = axis._update_ticks()
             axis._update_ticks = lambda ticks=ticks: ticks
         # level 4 of zlib: half the time of the default, 2 % larger
-        FigureCanvasAgg(figure).print_png(
-            path, metadata={"Software": "gr-radalt"}, pil_kwargs={"compress_level": 4}
-        )
+        png = {"metadata": {"Software": "gr-radalt"}, "pil_kwargs": {"compress_level": 4}}
+        FigureCanvasAgg(figure).print_png(path, **png)
         metadata = {"Creator": "gr-radalt", "CreationDate": None}
         FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"), metadata=metadata)
         svg = io.StringIO()

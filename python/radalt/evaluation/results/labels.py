@@ -63,11 +63,8 @@ def _labels(axis: Any, size: float) -> list[tuple[dict[str, Any], np.ndarray, np
     """Of lines that coincide, the lines by name, the corner of the names and a leader; None where one has no room."""
     from matplotlib.font_manager import FontProperties
 
-    scale, font, renderer = (
-        72.0 / axis.figure.dpi,
-        FontProperties(size=size),
-        axis.figure.canvas.get_renderer(),
-    )
+    scale, font = 72.0 / axis.figure.dpi, FontProperties(size=size)
+    renderer = axis.figure.canvas.get_renderer()
     shape = np.floor(axis.bbox.size * scale / _CELL).astype(int)
 
     def points(transform: Any, data: Any) -> np.ndarray:
@@ -142,9 +139,8 @@ def _place(
     """
 
     def at(grid: np.ndarray, where: np.ndarray) -> np.ndarray:
-        return grid[
-            tuple(np.moveaxis(np.clip(where // _CELL, 0, np.array(grid.shape) - 1).astype(int), -1, 0))
-        ]
+        cells = np.clip(where // _CELL, 0, np.array(grid.shape) - 1).astype(int)
+        return grid[tuple(np.moveaxis(cells, -1, 0))]
 
     wide, tall = np.ceil(extent / _CELL).astype(int) + 1
     sums = np.pad((taken | written).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))

@@ -1,13 +1,12 @@
 """Error against run time: gain against cost, and the front of what no other is cheaper and better than."""
 
-import textwrap
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from .figure import COLUMN_IN, new_figure, save_figure
+from .figure import COLUMN_IN, in_lines, new_figure, save_figure
 from .labels import name_curves
 from .style import series_style
 
@@ -34,7 +33,7 @@ def draw_pareto(
     from matplotlib.ticker import LogLocator
 
     width = COLUMN_IN if len(points) <= _FEW else 7.0
-    figure, fill = new_figure(width, 4.2), partial(textwrap.fill, width=int(12 * width))
+    figure, fill = new_figure(width, 4.2), partial(in_lines, width=int(12 * width))
     axis = figure.subplots()
     free = {name: gain for name, (cost, gain) in points.items() if not cost}
     points = {name: point for name, point in points.items() if point[0]}
@@ -44,7 +43,8 @@ def draw_pareto(
     if points:
         x, y = np.repeat([points[name] for name in front], 2, axis=0).T
         axis.plot(x[1:], y[:-1], color="0.7", zorder=1)
-        axis.set_title("on the line no other is cheaper and better", fontsize=9)
+        if len(front) > 1:
+            axis.set_title("on the line no other is cheaper and better", fontsize=9)
     for name, point in points.items():
         style = series_style(name, tuple(points))
         axis.plot(*point, style["marker"], color=style["color"], ms=7, gid=f"series {name}", label=name)
