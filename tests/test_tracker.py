@@ -118,6 +118,14 @@ def test_a_measured_speed_knows_the_speckle_of_ground_too():
     assert np.mean(ratio) < 4.0
 
 
+@pytest.mark.parametrize("pieces", [2, 4])
+def test_lobes_of_a_sweep_that_a_method_has_cut_into_pieces_are_no_rivals(pieces):
+    """Half of each piece is left: lobes 4 dB below the return, as many resolution cells to either side as pieces."""
+    left = np.arange(N) % (N // 2) * 2 * pieces // (N // 2) % 2 == 0
+    outputs = tracked(flight(np.random.default_rng(1), np.full(200, 500.0), 10.0) * left)[2:]
+    assert np.all(outputs["status"] == Status.NORMAL) and np.allclose(outputs["altitude_m"], 500.0, atol=0.5)
+
+
 def test_one_frame_of_forty_decides_nothing():
     """A frame with a clean false return among frames of noise: what a method may put out."""
     rng = np.random.default_rng(4)
