@@ -153,14 +153,9 @@ class OfdmCancel(Canceller):
         sizes = power(x)
         if np.vdot(sizes, sizes) < s.least_kurtosis * x.size:
             return None  # a sweep meets itself a symbol later, too
-        best = None
-        for kind in self._masks:
-            prefix = find_prefix(x, kind)
-            if best is None or prefix.contrast > best[0].contrast:
-                best = prefix, kind
-            if prefix.contrast > s.certain_contrast:
-                break
-        prefix, kind = best
+        prefix, kind = max(
+            ((find_prefix(x, kind), kind) for kind in self._masks), key=lambda found: found[0].contrast
+        )
         self._ffts += _TEST_FFTS
         if prefix.contrast < s.prefix_contrast:
             self._in_vain = 0  # nothing to be searched

@@ -28,7 +28,7 @@ class QpskCancel(Canceller):
     is too strong for safe decisions (an SIR above some -10 dB), which the altimeter reads without help. What is not
     QPSK stays: the transmitter's error vectors, other interference, symbols that change on the sample grid.
 
-    What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.47 per sample, and are four points
+    What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.5 per sample, and are four points
     of one modulus (QPSK, rotated by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up
     to 100 samples at either end of a frame are blanked, where symbols are cut.
 
@@ -112,10 +112,9 @@ class QpskCancel(Canceller):
         if symbols is None:
             return None
         self._ffts += _PULSE
-        model, train, pulses = estimate_pulse(frame, symbols, self._s)
-        residual = frame - model
+        residual, train, pulses = estimate_pulse(frame, symbols, self._s)
         on = np.interp(np.arange(frame.size), symbols.times, symbols.decisions != 0) > 0.5
-        out = self._subtracted(residual, model, train.known, on)
+        out = self._subtracted(residual, train.known, on)
         if out is None:
             return None
         self._evm_squared = symbols.evm_squared
@@ -125,18 +124,17 @@ class QpskCancel(Canceller):
         return out * scale
 
     def _subtracted(
-        self, residual: np.ndarray, model: np.ndarray, known: slice, on: np.ndarray | None = None
+        self, residual: np.ndarray, known: slice, on: np.ndarray | None = None
     ) -> np.ndarray | None:
-        """(n,) residual where the symbols are ``known``, blanked where some are cut; None if little was subtracted.
+        """(n,) residual where the symbols are ``known``, blanked where some are cut; None if none is sent there.
 
         A burst, ``on`` (n,) bool, leaves its error vectors: there the residual is weighted with the power next to it
         over its own, as least squares weights samples of unequal noise.
         """
-        rest, made = residual[known], model[known]
+        rest = residual[known]
         level = np.square(np.abs(rest))
         on = np.ones(level.size, dtype=bool) if on is None else on[known]
-        left = float(level[on].sum())
-        if not (on.any() and np.vdot(made, made).real >= self._s.min_suppression * left):
+        if not on.any():
             return None
         most = self._s.training_symbols
         median, outside = _median(level[on], most), np.inf if on.all() else _median(level[~on], most)

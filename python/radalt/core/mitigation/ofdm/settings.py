@@ -15,7 +15,6 @@ class OfdmSettings:
     spacings_hz: tuple[float, ...] = (15e3, 30e3)  # subcarrier spacings [S: TS 38.211 table 4.2-1]
     least_kurtosis: float = 1.5  # mean squared power over squared mean; OFDM has 2, a sweep 1 [F]
     prefix_contrast: float = 4.5  # ratio; prefix correlation over its scatter; noise stays below 4.2 [M]
-    certain_contrast: float = 8.0  # ratio; no other spacing is tried: noise has 1e-6 of it [F: Rayleigh]
     occupied: float = 0.35  # of the strongest block; less is silence between two users [M]
     in_use: float = 1e-3  # of the median subcarrier power; below is the filter's skirt [M]
     # return

@@ -73,7 +73,7 @@ def _bins(grid: np.ndarray, count: int) -> np.ndarray:
 def estimate_pulse(
     frame: np.ndarray, symbols: Symbols, s: QpskSettings
 ) -> tuple[np.ndarray, SymbolTrain, np.ndarray]:
-    """(n,) complex64, the part of a frame that the symbols explain; their train, and the (2, length) pulses.
+    """(n,) complex64, what the symbols leave of a frame; their train, and the (2, length) pulses.
 
     The model is ``sum_k b_k (g_0 + u g_1)(n - t_k)``, where u rises from -1 to 1 over the frame: a carrier, a clock
     or a path that drifts changes the pulse in proportion to time, for as long as the change is small. Both pulses are
@@ -98,7 +98,7 @@ def estimate_pulse(
     weights = scale * np.array([[1], [3]])  # the mean square of a ramp is a third
     sources = np.stack([train.transforms(impulses), train.transforms(impulses * ramp)])
     pulses = np.zeros((2, length), dtype=np.complex128)
-    residual, model, power = frame, np.zeros_like(frame), np.inf
+    residual, power = frame, np.inf
     for _ in range(s.pulse_iterations):
         before, power = power, np.vdot(residual[span], residual[span]).real
         if power > (1 - s.min_correction) * before:
@@ -106,6 +106,5 @@ def estimate_pulse(
         right = train.correlations((sources * train.to_correlate(residual, span).conj()).sum(axis=1).conj())
         pulses += linalg.lapack.zpotrs(cholesky, (weights * right).T)[0].T
         responses = train.responses(pulses)
-        model = train.filtered(sources[0] * responses[0] + sources[1] * responses[1])
-        residual = frame - model
-    return model, train, pulses
+        residual = frame - train.filtered(sources[0] * responses[0] + sources[1] * responses[1])
+    return residual, train, pulses

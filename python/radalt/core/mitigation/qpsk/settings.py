@@ -14,8 +14,6 @@ class QpskSettings:
     # -- symbol timing
     # slowest symbols: fewer than 150 per frame do not determine an equaliser of 32 taps
     min_symbol_rate: float = 0.02
-    # fastest symbols: the timing line of x[n] x*[n-1] lies below half the sample rate
-    max_symbol_rate: float = 0.47
     # power of a timing line over the median of its surroundings: noise exceeds 28 in one frame of 10^5 (exp(-28 ln 2)
     # in each of 3,375 bins)
     min_line_contrast: float = 28.0
@@ -60,8 +58,6 @@ class QpskSettings:
     pulse_iterations: int = 6
 
     # -- subtraction
-    # power subtracted over the power that is left while it sends: less takes from the return what it gives
-    min_suppression: float = 4.0
     # power of a sample over the median of what is left, above which it is blanked: symbols cut at the ends of a burst
     outlier_power: float = 6.0
 

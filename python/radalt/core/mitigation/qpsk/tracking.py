@@ -58,9 +58,9 @@ class Tracker:
         self._rest = self._unchanged = 0
         self._predict(symbols.times, self._correct(self._pulse, pulses, 1.0))
 
-    def track(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, slice] | None:
-        """What is left of an (n,) complex64 frame, the part that the symbols explain, and the samples in which all
-        symbols are known; None if the emitter is lost.
+    def track(self, frame: np.ndarray) -> tuple[np.ndarray, slice] | None:
+        """What is left of an (n,) complex64 frame, and the samples in which all symbols are known; None if the emitter
+        is lost.
         """
         s, train = self._s, self._train
         outputs = self._filter.filtered(self._filter.transforms(frame) * self._response)
@@ -84,15 +84,15 @@ class Tracker:
         if self._unchanged < self._rest and power < (1 + s.min_correction) * self._power:
             self._unchanged += 1
             self._predict(times, 0.0)
-            return residual, model, span
-        pulses, model, residual, power, steps = self._corrected(frame, model, residual, source, before)
+            return residual, span
+        pulses, residual, power, steps = self._corrected(frame, model, residual, source, before)
         if not (_drift(pulses) < s.max_drift and power < s.max_residual * self._least):
             return None
         self._power, self._least = power, min(self._least, power)
         self._predict(times, self._correct(before, pulses, 1.0 if steps and not self._rest else s.smoothing))
         self._rest = 0 if steps > 1 else min(self._rest + 1 - steps, s.max_unchanged)
         self._unchanged = 0
-        return residual, model, span
+        return residual, span
 
     def _decided(self, outputs: np.ndarray, instant: float) -> tuple[np.ndarray, np.ndarray] | None:
         """(K,) times and (K,) symbols around ``instant``; None if they are not those of this emitter."""
@@ -121,9 +121,9 @@ class Tracker:
         residual: np.ndarray,
         source: np.ndarray,
         pulse: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, int]:
-        """The (2, length) pulses that fit a frame best, from a ``pulse``, its ``model`` and what that leaves; model,
-        residual, the residual's mean power where all symbols are known, and the steps taken.
+    ) -> tuple[np.ndarray, np.ndarray, float, int]:
+        """The (2, length) pulses that fit a frame best, from a ``pulse``, its ``model`` and ``residual``; their
+        residual, its mean power where all symbols are known, and the steps taken.
         """
         train, span = self._train, self._train.known
         pulses = np.zeros((2, train.length), dtype=np.complex64)
@@ -150,7 +150,7 @@ class Tracker:
             residual = frame - model
             steps += 1
         power = np.vdot(residual[span], residual[span]).real / (span.stop - span.start)
-        return pulses, model, residual, float(power), steps
+        return pulses, residual, float(power), steps
 
     def _correct(self, before: np.ndarray, pulses: np.ndarray, share: float) -> float:
         """Move the tracked pulse from ``before`` by ``share`` of its difference to a frame's (2, length) ``pulses``;
