@@ -65,6 +65,17 @@ def test_a_point_is_no_spread_ground(speed, snr_db):
         assert tracker.spread.find(tracker.integrator.normalise(spectra)) is None
 
 
+def test_power_down_to_the_lowest_beat_has_no_nearest_point():
+    """Another altimeter that slides through, behind a method: its rise begins before the spectrum does."""
+    tracker = AltitudeTracker(ALTIMETER)
+    cell, peak = np.arange(tracker.integrator.beat_hz.size), tracker.integrator.first + 25
+    power = np.where(
+        cell <= peak, 0.2 + 0.8 * (cell / peak) ** 7, np.maximum(np.exp((peak - cell) / 8.0), 0.005)
+    )
+    ratio = np.random.default_rng(3).exponential(power, (40, 2, cell.size)).astype(np.float32)
+    assert tracker.spread.find(ratio) is None
+
+
 def two_levels(rng: np.random.Generator, altitude_m: float, apart_m: float, level_db: float, count: int):
     """(count, N) of two returns at rest, the farther one of a level against the nearer, their phases drawn."""
     amplitudes = np.array([1.0, 10.0 ** (level_db / 20.0)])
@@ -91,13 +102,23 @@ def test_two_levels_at_rest_within_the_peak_err_by_no_more_than_the_protection_l
     assert given >= 5
 
 
+def test_three_levels_whose_phases_turn_err_by_no_more_than_the_protection_level():
+    """The middle one 5 dB stronger: the peak is 9 m too high, and their moment averages out."""
+    at, frames = np.arange(240) * W.sweep_s, noise(np.random.default_rng(18), 240, 15.0)
+    for behind_m, speed, level_db in ((0.0, 0.0, 0.0), (9.4, 0.9, 5.2), (20.3, -0.65, 0.8)):
+        sent = point_return(W, 413.0 + behind_m + speed * at, vertical_speed_m_per_s=speed)
+        frames += 10.0 ** (level_db / 20.0) * sent
+    out = AltitudeTracker(ALTIMETER, TrackerSettings(leakage_m=0.0)).process(ALTIMETER.spectra(frames))[2:]
+    assert np.all(out["status"] == Status.NORMAL)
+    assert np.all(np.abs(out["altitude_m"] - 413.0) <= out["protection_level_m"])
+
+
 @pytest.mark.parametrize("altitude_m", [20.0, 300.0, 1300.0])
 def test_the_moment_of_two_delays_is_that_of_their_complex_amplitudes_and_a_points_is_zero(altitude_m):
     point = ALTIMETER.moments(ALTIMETER.spectra(point_return(W, np.array([altitude_m]))))[0, :, 0]
     assert np.sqrt(np.abs(point)).max() < 0.05  # resolution cells: 1 m
-    near, far = np.exp(
-        2j * np.pi * (0.1 - W.carrier_hz * 2.0 * np.array([altitude_m, altitude_m + 6.0]) / C_M_PER_S)
-    )
+    delay_s = 2.0 * np.array([altitude_m, altitude_m + 6.0]) / C_M_PER_S
+    near, far = np.exp(2j * np.pi * (0.1 - W.carrier_hz * delay_s))
     share = 0.5 * far / (near + 0.5 * far)
     first, second = (point_return(W, altitude_m + m, phase_cycles=0.1) for m in (0.0, 6.0))
     frame = first + 0.5 * second

@@ -5,13 +5,8 @@ import pytest
 from scipy import stats
 
 from radalt.core.tracker.tracker_settings import OUTPUT_DTYPE, Status
-from radalt.evaluation.results.integrity import (
-    Integrity,
-    integrity,
-    stanford,
-    time_to_alert_s,
-    time_to_first_s,
-)
+from radalt.evaluation.results import integrity as times
+from radalt.evaluation.results.integrity import Integrity, integrity, stanford
 from radalt.evaluation.results.proportion import clopper_pearson
 
 
@@ -43,10 +38,8 @@ def test_misleading_and_hazardous_are_told_apart():
     # errors 3 and 15 and 15 exceed 1, 1 and 12; 15 with a level of 1 is hazardous, with 12 the user was warned
     assert (score.computed, score.failures, score.outputs) == (5, 1, 7)
     assert (score.misleading, score.hazardous, score.unbounded) == (3, 1, 2)
-    assert (score.wrong_5m, score.wrong_20m) == (3, 1)
-    assert score.availability == pytest.approx(3 / 7)
-    assert (score.interruptions, score.followed) == (1, 5)
-    assert score.continuity == pytest.approx(0.8)
+    assert (score.wrong_5m, score.wrong_20m, score.interruptions, score.followed) == (3, 1, 1, 5)
+    assert (score.availability, score.continuity) == pytest.approx((3 / 7, 0.8))
 
 
 def test_an_altitude_without_a_return_is_wrong_by_every_limit():
@@ -65,12 +58,12 @@ def test_scores_add_and_empty_ones_say_nothing():
 
 def test_time_to_first_altitude_and_to_alert():
     out, truth = outputs_of("--NNN-N", [0, 0, 0, 50, 50, 0, 0], 1.0)
-    assert time_to_first_s(out, 1e-3) == pytest.approx(0.12)
-    assert np.isnan(time_to_first_s(out[:2], 1e-3))
+    assert times.time_to_first_s(out, 1e-3) == pytest.approx(0.12)
+    assert np.isnan(times.time_to_first_s(out[:2], 1e-3))
     # the fault is at frame 130; the outputs at 159 and 199 are hazardous, the one at 239 is not given
-    assert time_to_alert_s(out, truth, 10.0, 1e-3, fault_frame=130) == pytest.approx(0.11)
-    assert time_to_alert_s(out[:5], truth[:5], 10.0, 1e-3, fault_frame=130) == np.inf
-    assert time_to_alert_s(out, truth, 60.0, 1e-3, fault_frame=130) == 0.0
+    assert times.time_to_alert_s(out, truth, 10.0, 1e-3, fault_frame=130) == pytest.approx(0.11)
+    assert times.time_to_alert_s(out[:5], truth[:5], 10.0, 1e-3, fault_frame=130) == np.inf
+    assert times.time_to_alert_s(out, truth, 60.0, 1e-3, fault_frame=130) == 0.0
 
 
 def test_stanford_diagram_counts_every_computed_output_once():

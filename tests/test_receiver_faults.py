@@ -1,6 +1,7 @@
 """A receiver's faults that leave frames valid and wrong: each has its right status, and none gives a wrong altitude."""
 
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from frames import N, W, measured, noise
 from radalt import Altimeter, AltimeterSettings, AltitudeTracker
 from radalt.core.altimeter.beat_spectra import Spectra
 from radalt.core.returns.point import point_return
+from radalt.core.timing.repeated_frames import RepeatedFrames, RepeatedNoise
 from radalt.core.timing.segmenter import FrameSegmenter
 from radalt.core.tracker.tracker import Status
 
@@ -133,6 +135,17 @@ def test_a_ring_of_more_than_a_second_is_a_failure_within_120_ms():
     samples = descent(1200)[1]
     said = statuses(samples[np.arange(first, first + 40) % 1200] for first in range(0, 1600, 40))
     assert np.all(said[2:30] == Status.NORMAL) and np.all(said[33:] == Status.FAILURE)
+
+
+def test_rings_of_a_second_are_found_by_equal_frames_and_of_a_minute_by_their_noise():
+    """960 frames of 1 ms, and 2,900 of 20 ms, as a driver returns old buffers again and again."""
+    assert RepeatedFrames(1e-3).check(np.arange(2000) % 960)[960:].all()
+    sweep = SimpleNamespace(sweep_s=0.02, half_sweep_s=1.0, half_slopes=(1.0, -1.0))
+    tables = SimpleNamespace(waveform=sweep, beat_hz=np.arange(64.0), search_hz=(20.0, 40.0), cell_hz=1.0)
+    cells = np.random.default_rng(2).standard_normal((2900, 2, 128)).view(complex)[np.arange(3300) % 2900]
+    played = SimpleNamespace(cells=cells, power=np.abs(cells) ** 2)
+    again = RepeatedNoise(tables, 40).check(played, played, np.ones(3300, dtype=bool))
+    assert not again[:2900].any() and again[3020:].all()
 
 
 @pytest.mark.parametrize(

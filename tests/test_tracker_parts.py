@@ -31,14 +31,8 @@ def parts_of(settings: TrackerSettings = TrackerSettings()) -> SimpleNamespace: 
     integrity = Integrity(gate, settings)
     updater = Updater(gate, integrity)
     deleter = Deleter(gate, settings, integrity.search_threshold)
-    return SimpleNamespace(
-        tables=tables,
-        gate=gate,
-        integrity=integrity,
-        updater=updater,
-        deleter=deleter,
-        initiator=Initiator(gate, updater, deleter, settings),
-    )
+    made = {"tables": tables, "gate": gate, "integrity": integrity, "updater": updater, "deleter": deleter}
+    return SimpleNamespace(**made, initiator=Initiator(gate, updater, deleter, settings))
 
 
 def test_what_one_half_sweep_shows_alone_is_no_return():
@@ -468,6 +462,11 @@ def test_the_level_for_spread_ground_falls_by_a_tenth_per_block_that_shows_none(
         assert parts.updater.update(track, scan_of(parts, ratio, 59.5 + 40.0 * k))
         assert track.edge_m == pytest.approx(3.0 * 0.9 ** (k + 1))
     assert parts.integrity.protection_m(track) > 1.0 + 3.0 * 0.9**3
+    levels = []
+    for blocks in (30, 36):  # after 1.4 s without such ground the level is a point's
+        track.edge_m = 3.0 * 0.9**blocks
+        levels.append(parts.integrity.protection_m(track))
+    assert levels[0] > levels[1] + 1.0
 
 
 @pytest.mark.parametrize("doppler_m_per_s", [15.0, -15.0])

@@ -108,6 +108,8 @@ class SpreadGround:
             if fitted is None:
                 return None
             edge, deviation, top, kind, level = fitted
+            if edge < 0.0:  # before the first cell
+                return None
             variance += 0.25 * deviation**2 + 0.5 * (_LEAN * top) ** 2
             cells += 0.5 * edge
             weights[half] = self._weights(power, edge, kind, level)

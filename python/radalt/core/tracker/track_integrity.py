@@ -8,14 +8,14 @@ from scipy.special import ndtri
 from .gate import GATE_SIGMAS, SPARE_SIGMAS, Gate, noise_threshold
 from .rivals import lobe_from_beyond, second_return
 from .scan import Scan
-from .summed_block import Block, Entry, Measurement
+from .summed_block import Block, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
 # Distance, resolution cells, of the first grating lobe of a sweep in which a method has left holes.
 _GRATING_CELLS = 2.0
 # Resolution cells within which side and grating lobes lie; a second return differs from them by being one-sided.
-_LOBE_CELLS, _LOBE_SHARE = 6.0, 0.1  # or that share of the altitude, if more: ground off nadir
+_LOBE_CELLS = 6.0
 # Systematic error, metres, of a peak that a method has distorted; 5 MHz NR behind `tcae` keeps 0.95 m for seconds.
 _SYSTEMATIC_M = 1.0
 # How far beyond the nearest ground its peak may be: resolution cells per root of the asymmetry (up to 1.02 over five
@@ -37,14 +37,6 @@ _MOMENT_FACTOR = 1.42
 _RIVAL_DB, _NEARER_RIVAL_DB = 6.0, 10.0
 # Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
 _MIRRORED = 0.25
-# Standard deviations by which the strongest entry of any speed has to exceed a track's to be a rival: the greatest
-# of some thousand entries of noise reaches that alone.
-_ANY_SPEED_SIGMAS = 3.0
-
-
-def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
-    """Whether a return exceeds another in strength and in power: a grating lobe may win by strength alone."""
-    return other.strength > found.strength + sigmas and other.power > found.power
 
 
 class Integrity:
@@ -130,16 +122,15 @@ class Integrity:
         t, block = self.tables, scan.block
         away = block.away_from(found)
         rival = block.strongest(away & self.gate.speeds(track)[:, None])
-        any_speed = block.strongest(away)
-        outdone = rival is not None and _exceeds(rival, found, 0.0)
-        outdone |= any_speed is not None and _exceeds(any_speed, found, _ANY_SPEED_SIGMAS)
+        # a grating lobe may win by strength alone
+        outdone = rival is not None and rival.strength > found.strength and rival.power > found.power
         outdone |= scan.beyond >= self._shares[0]  # farther up
         if scan.ground_m is None:  # spread ground has its peak within the span
             outdone |= block.beyond_span() > self._shares[0] * found.power
         if outdone or lobe_from_beyond(block, found) or block.contradicted(found):
             return True
         here_m = found.altitude_m + scan.residual_m
-        near_m = max(_LOBE_CELLS * t.waveform.range_resolution_m, _LOBE_SHARE * found.altitude_m)
+        near_m = _LOBE_CELLS * t.waveform.range_resolution_m
         if self._second(block, found, near_m):
             return True
         if self._rival(block, found.power, here_m, near_m, self.search_threshold):
