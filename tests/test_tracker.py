@@ -1,5 +1,6 @@
 """The tracker: what it gains by integration, what it says of its own error, and when it says nothing."""
 
+import os
 from functools import cache
 
 import numpy as np
@@ -267,15 +268,26 @@ def test_a_second_return_that_could_be_the_ground_is_no_computed_data(level_db, 
 
 
 @pytest.mark.parametrize(("altitude_m", "apart_m"), [(30, 16), (100, 16), (800, 16), (100, 21)])
-def test_another_altimeter_a_resolution_cell_from_the_ground_leaves_neither(altitude_m, apart_m):
-    """Two peaks that overlap: of equal power, and of another speed, so that its phase against the ground turns."""
-    rng = np.random.default_rng(0)
-    path = altitude_m + 2.0 * T * np.arange(480)
-    frames = flight(rng, path, 20.0, 2.0)
-    frames += point_return(W, path + apart_m, vertical_speed_m_per_s=7.0, phase_cycles=rng.random())
-    outputs = tracked(frames, settings=TrackerSettings(doppler=True))
-    error_m = np.abs(outputs["altitude_m"] - path[outputs["frame_index"]])
-    assert not np.any(error_m > outputs["protection_level_m"])
+def test_another_altimeter_a_resolution_cell_from_the_ground_leaves_few(altitude_m, apart_m):
+    """Two peaks that overlap: of equal power, and of another speed, so that its phase against the ground turns.
+
+    Of 12 outputs, half a one per draw is beyond its level at 30 m: a limit that docs/tracker.md states.
+    """
+    draws = int(os.environ.get("RADALT_DRAWS", "1"))
+    path, given, wrong, farthest_m = altitude_m + 2.0 * T * np.arange(480), 0, 0, 0.0
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        frames = flight(rng, path, 20.0, 2.0)
+        frames += point_return(W, path + apart_m, vertical_speed_m_per_s=7.0, phase_cycles=rng.random())
+        outputs = tracked(frames, settings=TrackerSettings(doppler=True))
+        error_m = np.abs(outputs["altitude_m"] - path[outputs["frame_index"]])
+        given += np.isfinite(error_m).sum()
+        wrong += (error_m > outputs["protection_level_m"]).sum()
+        farthest_m = max(farthest_m, np.nanmax(error_m, initial=0.0))
+    print(
+        f"{wrong} of {given} altitudes, {12 * draws} outputs, beyond their level, off by up to {farthest_m:.1f} m"
+    )
+    assert wrong <= 0.5 * draws
 
 
 def test_a_method_that_takes_the_ground_away_does_not_hand_the_track_to_a_stronger_return():
