@@ -4,10 +4,10 @@
     .venv/bin/python flowgraphs/bench.py two_channels --methods hybrid --cases nr10_one,noise_one --out results/one
     .venv/bin/python tools/draw_two_channels.py results/one
 
-Pd is that of bench/rows/two_channels.csv and of the folders named; depth and cost are measured (a minute of CPU).
-Writes docs/figures/two_channels.png and docs/data/two_channels.csv.
+Pd is of the stored rows and of the folders named; depth and cost (docs/data) are measured: a minute of CPU.
 """
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -52,8 +52,7 @@ def cancelled(auxiliary: dict, cancel: dict) -> tuple[float, float]:
     data["auxiliary_cancel"] |= cancel
     scene = parse_scene(data)
     canceller = radalt.AuxiliaryCancel(scene.waveform, scene.auxiliary_cancel)
-    calm, _ = radalt.simulate(scene, overlap=0.0, frames=4, auxiliary=True)
-    canceller.process(calm[:, 0], calm[:, 1])
+    canceller.process(*radalt.simulate(scene, overlap=0.0, frames=4, auxiliary=True)[0].swapaxes(0, 1))
     both, _ = radalt.simulate(scene, sir_db=-60.0, frames=20, auxiliary=True)
     first, second = np.ascontiguousarray(both.swapaxes(0, 1))
     spent, unit, left = [], [], []
@@ -70,7 +69,9 @@ def cancelled(auxiliary: dict, cancel: dict) -> tuple[float, float]:
 
 def main() -> None:
     """Draw the figure, print its depths and write those of mismatches with their cost."""
-    paths = stored_rows("two_channels"), *(Path(folder, "rows.csv") for folder in sys.argv[1:])
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("results", type=Path, nargs="*", help="folders of further rows of the list")
+    paths = stored_rows("two_channels"), *(folder / "rows.csv" for folder in parser.parse_args().results)
     rows, held = [row for path in paths for row in read_rows(path)], {}
     figure = new_figure(7.0, 6.4)
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.4, 1))
@@ -78,8 +79,7 @@ def main() -> None:
     for case, label, colour, line, marker in CURVES:
         own = [r for r in rows if r["case"] == case and r["overlap"] == 1.0]
         own = [r for r in own if case.endswith("_one") or r["entry"] == "none"]
-        # the last one of a level is the best
-        best = {r["sir_db"]: r for r in sorted(own, key=lambda r: r["pd"])}
+        best = {r["sir_db"]: r for r in sorted(own, key=lambda r: r["pd"])}  # the last of a level stays
         x = sorted(best)
         pd, low, high = (np.array([best[v][key] for v in x]) for key in ("pd", "pd_low", "pd_high"))
         left.plot(x, pd, line, marker=marker, ms=5, color=colour, label=label)

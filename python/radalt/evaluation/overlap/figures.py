@@ -20,7 +20,7 @@ from .altitudes import ERRORS_M, groups
 from .finding import said_of_error, said_of_pd, said_of_wrong
 from .panels import Row, common, panels, series_of, spread
 
-_WIDTH_IN = {1: COLUMN_IN, 2: 7.3, 3: 9.3}  # by panels in a row; two are as wide as a page of print
+_WIDTH_IN = {1: COLUMN_IN, 2: 7.3, 3: 7.8}  # by panels in a row: a page of print, a column of the site
 _MOST_PANELS = 6  # of altitudes and of errors: altitudes.csv has all SIRs, and each panel takes 0.3 s
 _GREY = {"color": "#999999", "lw": 0.8, "zorder": 0}  # lines for comparison
 _LIMIT = (CORRECT_LIMIT_M, "5 m, limit of Pd", ":")
@@ -182,7 +182,7 @@ def _draw(
             # of one value, the methods are the axis
             x = np.full(len(of), float(k)) if len(values) == 1 else _values(of, against)
             _plot(axis, x, of, against, quantity, len(series) - 1 - k, series_style(name, series))
-        axis.set_title(textwrap.fill(heading, 38), fontsize=10)
+        axis.set_title(textwrap.fill(heading, 31), fontsize=9.5)
         axis.set_yscale("log") if top is None else axis.set_ylim(-0.04 * top, 1.04 * top)
     if len(values) == 1:
         (one,), (name, unit, _) = values, _AXES[against]

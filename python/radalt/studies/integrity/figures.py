@@ -129,7 +129,7 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
         each = ", ".join(f"{m} {shares[m]:.2f}" for m in named)
         figure.suptitle(f"Available at {deep_db:.0f} dB and less:\n{each}", fontsize=11)
     top.set(ylabel="available, tracked", ylim=(-0.02, 1.02))
-    bottom.set(ylabel="wrong, per frame", xlabel="SIR over the whole frame / dB")
+    bottom.set(ylabel="wrong, per frame", xlabel="SIR, averaged over the frame / dB")
     for axis in (top, bottom):
         axis.grid(color="0.9")
     bottom.invert_xaxis()  # of both: interference grows to the right
