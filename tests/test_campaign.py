@@ -1,6 +1,7 @@
 """The integrity campaign: what it flies is true, what is wrong is found, and what was found is found again."""
 
 import csv
+import itertools
 import os
 from dataclasses import replace
 
@@ -226,6 +227,19 @@ def test_woods_whose_top_lies_beyond_the_span_are_no_point_within_it(monkeypatch
     case = case_of("land/woods/bank 40")
     row = integrity._row(*judge_long(case, rng_of(case, 14, 0, 0), 4000, SMALL.settings))
     assert (row["outputs"], row["misleading"], row["hazardous"]) == (100, 0, 0)
+
+
+def test_levels_hold_over_land_down_to_an_snr_of_minus_10_db():
+    """Below it docs/tracker.md has what RADALT_LAND_SNR_DB prints: weak ground passes for a point."""
+    chosen = os.environ.get("RADALT_LAND_SNR_DB")
+    names = itertools.product(("woods", "desert", "mountains", "grass"), ("level", "bank 30"), (1, 2))
+    rows = []
+    for land, attitude, seed in names if chosen else list(names)[::4]:
+        case = replace(case_of(f"land/{land}/{attitude}"), snr_db=float(chosen or -10.0))
+        rows.append(integrity._row(*judge_long(case, rng_of(case, seed, 0, 0), 1000, SMALL.settings)))
+    total = {name: sum(r[name] for r in rows) for name in ("outputs", "computed", "misleading", "hazardous")}
+    print(total, "off by up to", max(r["largest_m"] or 0.0 for r in rows))
+    assert chosen or total["misleading"] == 0
 
 
 @pytest.mark.parametrize(
