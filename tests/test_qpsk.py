@@ -45,6 +45,12 @@ def test_symbols_come_at_the_rate_of_a_clock_of_their_own(pulse, clock_ppm):
     assert timing.rate * N == pytest.approx(rate * N, abs=0.03)
 
 
+def test_a_line_next_to_half_the_sample_rate_lies_between_two_bins():
+    k = np.arange(7498)  # the last bin ends a floor
+    frame = (1.0 + 0.5 * np.cos(0.99985 * np.pi * k)) * np.exp(0.3j * k)
+    assert 0.499 < find_symbol_timing(frame.astype(np.complex64), DEFAULTS).rate < 0.5
+
+
 def test_edges_lie_between_samples_and_the_filter_takes_the_corners():
     rng = np.random.default_rng(3)
     paper = np.abs(QpskEmitter().samples(N, RATE_HZ, rng))

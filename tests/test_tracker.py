@@ -269,10 +269,7 @@ def test_a_second_return_that_could_be_the_ground_is_no_computed_data(level_db, 
 
 @pytest.mark.parametrize(("altitude_m", "apart_m"), [(30, 16), (100, 16), (800, 16), (100, 21)])
 def test_another_altimeter_a_resolution_cell_from_the_ground_leaves_few(altitude_m, apart_m):
-    """Two peaks that overlap: of equal power, and of another speed, so that its phase against the ground turns.
-
-    Of 12 outputs, half a one per draw is beyond its level at 30 m: a limit that docs/tracker.md states.
-    """
+    """Two peaks that overlap, of equal power and other speeds; docs/tracker.md has what 12 draws print."""
     draws = int(os.environ.get("RADALT_DRAWS", "1"))
     path, given, wrong, farthest_m = altitude_m + 2.0 * T * np.arange(480), 0, 0, 0.0
     for seed in range(draws):

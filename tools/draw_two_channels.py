@@ -84,7 +84,7 @@ def main() -> None:
         pd, low, high = (np.array([best[v][key] for v in x]) for key in ("pd", "pd_low", "pd_high"))
         left.plot(x, pd, line, marker=marker, ms=5, color=colour, label=label)
         left.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
-        held[case] = min(level for k, level in enumerate(x) if all(pd[k:] >= 0.9))
+        held[case] = min((level for k, level in enumerate(x) if all(pd[k:] >= 0.9)), default=np.nan)
     of = ", ".join(dict.fromkeys(r["entry"] for r in rows if r["case"] == "nr10_one"))
     top.suptitle(
         f"Two channels hold Pd 0.9 to {held['noise']:.0f} dB under noise and {held['nr10']:.0f} dB under 5G;\n"

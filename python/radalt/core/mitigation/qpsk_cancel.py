@@ -28,7 +28,7 @@ class QpskCancel(Canceller):
     is too strong for safe decisions (an SIR above some -10 dB), which the altimeter reads without help. What is not
     QPSK stays: the transmitter's error vectors, other interference, symbols that change on the sample grid.
 
-    What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.5 per sample, and are four points
+    What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.49 per sample, and are four points
     of one modulus (QPSK, rotated by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up
     to 100 samples at either end of a frame are blanked, where symbols are cut.
 
@@ -113,6 +113,8 @@ class QpskCancel(Canceller):
             return None
         self._ffts += _PULSE
         residual, train, pulses = estimate_pulse(frame, symbols, self._s)
+        if not np.vdot(residual, residual).real < frame.size:  # numerically no fit: it adds power
+            return None
         on = np.interp(np.arange(frame.size), symbols.times, symbols.decisions != 0) > 0.5
         out = self._subtracted(residual, train.known, on)
         if out is None:

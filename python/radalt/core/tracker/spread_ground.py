@@ -60,7 +60,7 @@ _LEAN = 0.05
 _DIP, _END = 4.0, 0.03
 _BEFORE = 6.0  # resolution cells before the edge in which the shape's side lobes are weighted
 # A method's lobes lie alike on both sides of a point, and below the peak: of power one to four resolution cells off, at
-# most so many times as much lies beyond it as before it, and that is in the mean at most -6 dB.
+# most so many times as much lies beyond it as before it, and there the mean is at most -6 dB.
 _ALIKE_SIDES, _LOBES = 1.8, 0.25
 
 

@@ -66,8 +66,8 @@ def said_of_wrong(rows: Sequence[Row]) -> str:
     total, worst = most_wrong(common(rows))
     if not total.wrong:
         return f"No altitude called valid is wrong, of {total.trials} trials of each method"
-    who = said(worst, "has", "have") if worst else "No method has fewer than"
-    return f"{who} the most wrong altitudes called valid: {total.wrong} of {total.trials}"
+    who = f"{said(worst, 'has', 'have')} the most" if worst else "All methods have equally many"
+    return f"{who} wrong altitudes called valid: {total.wrong} of {total.trials}"
 
 
 def said_of_error(rows: Sequence[Row]) -> str:

@@ -68,11 +68,13 @@ def _replay(study: "IntegrityStudy", text: str, parser: Parser) -> int:
     from .cases import case_of
     from .study import replay_lines
 
-    found = re.fullmatch(r"([^:@]{1,200})(?:@(\d{1,9}(?:\.\d{1,9})?))?:(\d{1,18})(?::(\d{1,9}))?", text)
+    found = re.fullmatch(
+        r"([^:@]{1,200})(?:@([0-9]{1,9}(?:\.[0-9]{1,9})?))?:([0-9]{1,18})(?::([0-9]{1,9}))?", text
+    )
     if not found:
         parser.error(f"--replay is {text[:60]!r}; write CASE:SEED or CASE:SEED:BATCH, as in events.csv")
     name, speed, seed, batch = found.groups()
-    if speed and not (text.startswith("land/") and 0.1 <= float(speed) < 1000.0):
+    if speed and not (text.startswith("land/") and 0.1 <= float(speed) <= 999.0):
         parser.error(f"--replay has {speed} m/s over ground; only land/... has one, 0.1 to 999: write @60")
     study = dataclasses.replace(study, seed=int(seed))
     study.check()

@@ -141,14 +141,15 @@ def _claim(rows: Sequence[Row]) -> dict[str, Any]:
     """
     total = sum((Integrity.of_row(r) for r in rows), Integrity())
     each = [sum(map(Integrity.of_row, mine), Integrity()) for mine in grouped(rows, "method").values()]
+    given = [_per_altitude(one) for one in each if one.computed]
     flights = {(r["case"], r["batch"]) for r in rows}
     wrong = {(r["case"], r["batch"]) for r in rows if r["hazardous"]}
     return {
         "outputs": total.outputs,
         "silent": total.outputs - total.computed,
         "hazardous": total.hazardous,
-        "bound": max(one.bound("hazardous") for one in each),
-        "given_bound": max(_per_altitude(one) for one in each),
+        "bound": max((one.bound("hazardous") for one in each), default=1.0),
+        "given_bound": max(given, default=np.nan),
         "flights": len(flights),
         "hazardous_flights": len(wrong),
         "flight_bound": clopper_pearson_bound(len(wrong), len(flights)),

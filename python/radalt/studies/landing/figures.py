@@ -89,7 +89,7 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     step = max(1, config.approach.frames // IMAGE_FRAMES)
     times = config.approach_times_s()[::step]
     after = "whitening" if "whitening" in config.methods else config.methods[-1]
-    panels = {"without": [], "interference": [], f"after {after}": []}
+    panels = {"without\ninterference": [], "under\ninterference": [], f"behind\n{after}": []}
     altimeter = Altimeter(config.waveform, config.altimeter)
     stage = create(after, config.waveform, **config.method_options.get(after, {}))
     rng = rng_of(config, "range-time")

@@ -15,7 +15,7 @@ class QpskSettings:
     # slowest symbols: fewer than 150 per frame do not determine an equaliser of 32 taps
     min_symbol_rate: float = 0.02
     # power of a timing line over the median of its surroundings: noise exceeds 28 in one frame of 10^5 (exp(-28 ln 2)
-    # in each of 3,375 bins)
+    # in each of 3,600 bins)
     min_line_contrast: float = 28.0
     # bins over which that median is taken
     line_floor_bins: int = 125

@@ -36,6 +36,7 @@ def find_symbol_timing(frame: np.ndarray, s: QpskSettings) -> SymbolTiming | Non
     used = power[: power.size - power.size % bins].reshape(-1, bins)
     contrast = (used / np.maximum(upper_median(used), 1e-30)[:, None]).ravel()
     contrast[: int(s.min_symbol_rate * count)] = 0
+    contrast[power.size - 1 :] = 0  # a line between two bins has one on either side
     first = int((contrast > s.harmonic_power * contrast.max()).argmax())
     line = first + int(contrast[first : first + s.line_bins].argmax())
     return _timing(spectrum, line, count) if contrast[line] >= s.min_line_contrast else None
