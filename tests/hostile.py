@@ -50,7 +50,7 @@ def assert_refused(status: int, error: str, said: str = "") -> None:
 
 
 @contextlib.contextmanager
-def refused(kind: type[Exception], said: str = ""):
+def refused(kind: type[Exception], said: str | None = None):
     """`pytest.raises` of an error that is one line."""
     with pytest.raises(kind, match=said) as caught:
         yield caught
