@@ -125,7 +125,7 @@ class SpreadGround:
             relative = (power - floor) / power[peak] / len(rises) / (far - near)
             beyond += float(relative[peak + near : peak + far].sum())
             before += float(relative[max(0, peak - far) : max(0, peak - near)].sum())
-        return beyond < _ALIKE_SIDES * before < _ALIKE_SIDES * _LOBES
+        return before < _LOBES and beyond < _ALIKE_SIDES * before
 
     def _rise(self, power: np.ndarray, peak: int) -> int:
         """Cell at which the rise to a peak begins."""
