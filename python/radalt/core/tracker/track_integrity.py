@@ -15,10 +15,8 @@ from .tracker_settings import TrackerSettings
 # Distance, resolution cells, of the first grating lobe of a sweep in which a method has left holes.
 _GRATING_CELLS = 2.0
 # Resolution cells within which side and grating lobes lie; a second return differs from them by being one-sided.
-_LOBE_CELLS, _LOBE_SHARE = (
-    6.0,
-    0.1,
-)  # or that share of the altitude: ground off nadir, at 150 MHz from 60 m on
+_LOBE_CELLS = 6.0
+_LOBE_SHARE = 0.1  # of the altitude, if that is more: ground off nadir, at 150 MHz from 60 m on
 # Systematic error, metres, of a peak that a method has distorted; 5 MHz NR behind `tcae` keeps 0.95 m for seconds.
 _SYSTEMATIC_M = 1.0
 # How far beyond the nearest ground its peak may be: resolution cells per root of the asymmetry (up to 1.02 over five
