@@ -27,6 +27,7 @@ class Scan:
     ground_m: float | None = None
     """Altitude of the nearest point of spread ground, the strongest return; None of a point."""
     edge_m: float = 0.0  # standard deviation of the nearest point of spread ground; 0 of a point
+    widened_m: float = 0.0  # by how much a method may have moved that point
     edge_m_per_s: float = 0.0  # the same of its speed: each half sweep has its own speckle
     beyond: float = 0.0
     """Median power of the strongest line beyond the span over that within it, in the frames before mitigation."""

@@ -62,15 +62,22 @@ _BEFORE = 6.0  # resolution cells before the edge in which the shape's side lobe
 # A method's lobes lie alike on both sides of a point, and below the peak: of power one to four resolution cells off, at
 # most so many times as much lies beyond it as before it, and there the mean is at most -6 dB.
 _ALIKE_SIDES, _LOBES = 1.8, 0.25
+# Ground that a method has widened begins between the fitted edge and the peak: resolution cells of that distance that
+# the protection level's other parts cover.
+_COVERED = 0.5
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Weights (2, J) of powers that leave a point at the nearest ground; that place and its deviation in metres."""
+    """Weights (2, J) of powers that leave a point at the nearest ground; that place and its deviation in metres.
+
+    ``widened_m`` is by how much it may lie farther, besides, since a method's own response widens ground.
+    """
 
     weights: np.ndarray
     deviation_m: float
     altitude_m: float
+    widened_m: float
 
 
 class SpreadGround:
@@ -85,7 +92,7 @@ class SpreadGround:
     def find(self, ratio: np.ndarray, *, cleaned: bool = False) -> Ground | None:
         """Ground in a block's normalised spectra (m, 2, J); None where the strongest return is a point or not clear.
 
-        ``cleaned``: by a method, which may have widened a point.
+        ``cleaned``: by a method, which may have widened a point, and ground towards the aircraft.
         """
         t = self.tables
         weights, variance = np.ones(ratio.shape[1:], dtype=np.float32), 0.0
@@ -102,7 +109,7 @@ class SpreadGround:
         looks = self._looks(ratio, [rise for *_, rise in rises])
         if looks is None:
             return None
-        cells = 0.0
+        cells = widened = 0.0
         for half, (power, floor, peak, rise) in enumerate(rises):
             fitted = self._fit(power - floor, peak, rise, looks)
             if fitted is None:
@@ -112,10 +119,12 @@ class SpreadGround:
                 return None
             variance += 0.25 * deviation**2 + 0.5 * (_LEAN * top) ** 2
             cells += 0.5 * edge
+            if cleaned:
+                widened += 0.5 * max(0.0, peak - edge - _COVERED * t.resolution_cells)
             weights[half] = self._weights(power, edge, kind, level)
         beat_hz = float(t.beat_hz[0] + cells * t.cell_hz)
         altitude_m = float(t.waveform.beats_to_altitude_m(beat_hz, -beat_hz)) + _BIAS_M
-        return Ground(weights, float(np.sqrt(variance)) * self._cell_m, altitude_m)
+        return Ground(weights, float(np.sqrt(variance)) * self._cell_m, altitude_m, widened * t.cell_m)
 
     def _has_lobes(self, rises: list[tuple[np.ndarray, float, int, int]]) -> bool:
         """Whether the peaks have the lobes that a method gives to a point, on both sides."""

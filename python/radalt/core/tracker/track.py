@@ -188,6 +188,7 @@ class Track:
     deviation: float = 0.0
     moment: complex = 0.0  # second moment of its delays, squared resolution cells, mean over as many blocks
     edge_m: float = 0.0  # standard deviation of the nearest point of spread ground
+    widened_m: float = 0.0  # by how much a method may have moved that point
     resolved: bool = False  # whether its evidence ruled out every other pair of cells once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement

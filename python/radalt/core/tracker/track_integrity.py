@@ -65,6 +65,9 @@ class Integrity:
     altitude, the mean over a beam of 40 degrees; the peak lies 1 % of the altitude beyond the nearest ground over the
     shipped approach, up to 4 % over ground that scatters alike in all directions.
 
+    *Spread ground* that only a method shows, whose own response widens the rise, begins anywhere between the fitted
+    edge and the peak: that distance beyond half a resolution cell is added to its part.
+
     A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
     60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell; a point
     pays 0.1 to 0.5 m. Where interference hides the return the part keeps its value. Of two returns whose phases stay
@@ -222,4 +225,5 @@ class Integrity:
         echo = min(_ECHO_CELLS * np.sqrt(track.deviation), _MOST_ECHO_CELLS) * t.waveform.range_resolution_m
         two = _MOMENT_FACTOR * float(np.sqrt(abs(track.moment))) * t.waveform.range_resolution_m
         edge = track.edge_m + _EDGE_SHARE * float(track.filter.mean[0]) * (track.edge_m > _LEAST_EDGE_M)
+        edge += track.widened_m
         return _SYSTEMATIC_M + noise + max(extent, float(echo), two, edge) + cells * t.cell_m
