@@ -271,9 +271,7 @@ PLACE = np.mod(np.arange(7500), 3750)
     ],
     ids=["edges", "pieces", "edges 0.74 apart"],
 )
-def test_return_of_which_a_method_left_edges_or_pieces_is_read_at_its_peak(
-    kept, snr_db, speed, given, within_m
-):
+def test_return_of_which_a_method_left_pieces_is_read_at_its_peak(kept, snr_db, speed, given, within_m):
     """Two slits make side lobes nearly as high as the peak 20 m away; those of five pieces are no coloured noise. Of
     edges 0.74 of a sweep apart the lobe is 0.3 dB lower: on the spectrum's own cells 0.85 would be right."""
     rng = np.random.default_rng(8)

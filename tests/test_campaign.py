@@ -210,9 +210,7 @@ def test_noise_at_the_decimated_rate_has_the_covariance_of_decimated_noise():
     "land, seed, frames, given",
     [("mountains", 54, 1200, 0), ("mountains", 18, 1600, 38), ("woods", 11, 1600, 38)],
 )
-def test_a_bank_of_40_degrees_misleads_in_no_output_where_the_nearest_ground_is_weak(
-    land, seed, frames, given
-):
+def test_banked_by_40_degrees_no_output_misleads_where_the_nearest_ground_is_weak(land, seed, frames, given):
     """In the first the beam points at 1,500 m, in the others the top lies 30 to 60 m beyond the nearest ground."""
     case = case_of(f"land/{land}/bank 40")
     flight, judged = judge_long(case, rng_of(case, seed, 0, 0), frames, SMALL.settings)

@@ -164,9 +164,7 @@ def test_a_killed_or_stopped_run_resumes_to_the_same_bytes(whole, tmp_path, sent
         encoding="utf-8",
     )
     process, journal = started(sys.executable, program), folder / "points.jsonl"
-    wait_for(
-        lambda: written(journal)() and journal.read_text().count("\n") == 2, "two points", process=process
-    )
+    wait_for(lambda: written(journal)() and journal.read_text().count("\n") == 2, "two", process=process)
     # a batch system's SIGTERM reaches the program, the others the whole group
     process.terminate() if sent == "SIGTERM" else os.killpg(process.pid, getattr(signal, sent))
     _, err = end_of(process)

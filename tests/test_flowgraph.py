@@ -120,9 +120,7 @@ def rendered(key: str, **values: str):
 
 
 @pytest.mark.parametrize("path", DESCRIPTIONS, ids=lambda p: p.name.removesuffix(".block.yml"))
-def test_description_fits_the_class_and_makes_the_block_for_every_option_of_its_choices(
-    path, tmp_path, monkeypatch
-):
+def test_description_fits_the_class_and_makes_the_block_for_every_option(path, tmp_path, monkeypatch):
     """The constructor and callbacks that the compiler writes are run, for the defaults and for every choice."""
     monkeypatch.chdir(tmp_path)  # a recorder writes next to where it runs
     key = path.name.removesuffix(".block.yml")

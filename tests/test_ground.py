@@ -85,9 +85,7 @@ def test_power_down_to_the_lowest_beat_has_no_nearest_point():
     """Another altimeter that slides through, behind a method: its rise begins before the spectrum does."""
     tracker = AltitudeTracker(ALTIMETER)
     cell, peak = np.arange(tracker.integrator.beat_hz.size), tracker.integrator.first + 25
-    power = np.where(
-        cell <= peak, 0.2 + 0.8 * (cell / peak) ** 7, np.maximum(np.exp((peak - cell) / 8.0), 0.005)
-    )
+    power = np.where(cell <= peak, 0.2 + 0.8 * (cell / peak) ** 7, np.exp((peak - cell) / 8.0).clip(0.005))
     ratio = np.random.default_rng(3).exponential(power, (40, 2, cell.size)).astype(np.float32)
     assert tracker.spread.find(ratio) is None
 

@@ -237,9 +237,7 @@ def test_every_method_is_named_in_the_figure_and_no_name_covers_another(tmp_path
     texts = [text for text in figure.axes[0].texts if text.get_text()]
     assert sorted(text.get_text().replace("\n", "") for text in texts) == sorted(MITIGATIONS)
     boxes = [text.get_window_extent() for text in texts]
-    assert (
-        not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2)) and not figure.legends
-    )
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2)) and not figure.legends
     assert all(0 <= box.x0 and box.x1 <= figure.bbox.width for box in boxes)
 
 

@@ -484,7 +484,7 @@ def test_a_doppler_that_the_altitudes_contradict_leaves_no_speed_open(doppler_m_
 
 def test_a_filter_notices_innovations_beyond_what_it_expects():
     """Innovations of three standard deviations each, within the gate, have a mean square of nine and end the track."""
-    found, scan = Measurement(0.0, 0.0, 0.25, 1.0, 10.0, np.zeros(2), 1.0, 0), SimpleNamespace(ground_m=None)
+    found, scan = Measurement(0.0, 0.0, 0.25, 1.0, 10.0, np.zeros(2), 1.0, 0), SimpleNamespace(ground=None)
     for sigmas in (1.0, 2.5, 3.0):
         kalman = Kalman(np.array([100.0, 0.0]), np.diag([0.1, 0.5]))
         for _ in range(120):

@@ -83,11 +83,7 @@ def method_class(name: str) -> type[Mitigation]:
 _NAMED: dict[str, type[Mitigation]] = {}  # by `name_method`
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 # Solid lines, so that a user's own method stands out in a figure.
-_OWN_STYLES = (
-    PlotStyle("#1B7837", "s"),
-    PlotStyle("#762A83", "P"),
-    PlotStyle("#A6611A", "<"),
-)
+_OWN_STYLES = (PlotStyle("#1B7837", "s"), PlotStyle("#762A83", "P"), PlotStyle("#A6611A", "<"))
 
 
 def name_method(name: str, kind: str) -> None:
@@ -151,12 +147,7 @@ def create(
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:
         return OwnProcess(
-            name,
-            waveform,
-            batch=batch,
-            max_altitude_m=max_altitude_m,
-            independent=independent,
-            **parameters,
+            name, waveform, batch=batch, max_altitude_m=max_altitude_m, independent=independent, **parameters
         )
     parameters.pop("method", None)
     try:

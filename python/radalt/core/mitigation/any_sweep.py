@@ -26,11 +26,7 @@ HOP, COLUMNS, GROUP = 30, 250, 15  # samples per column, columns per frame, cell
 FILTER_HOPS = 3  # length of a filter, hops
 _SPAN_M, _SPEED_M_PER_S = 1500.0, 100.0
 # Sweeps over which break-points were measured (docs/tcae.md).
-SERVED = {
-    "bandwidth_hz": (1e6, 56e6),
-    "sweep_s": (0.2e-3, 10e-3),
-    "rate_hz": (2e6, 56e6),
-}
+SERVED = {"bandwidth_hz": (1e6, 56e6), "sweep_s": (0.2e-3, 10e-3), "rate_hz": (2e6, 56e6)}
 _COLUMNS_WITHIN = (0.8, 1.25)  # number of columns over the number that the span requires
 _GROUPS = range(11, 21)
 _MOST_LONGER = 1.15  # longest resampled frame over the frame, to find a length with small factors

@@ -61,7 +61,9 @@ class Deleter:
     def inconsistent(self, track: Track, scan: Scan) -> bool:
         """Whether a track's innovations exceed what its filter expects by far, or the nearest ground is elsewhere."""
         off_m = (
-            0.0 if scan.ground_m is None else abs(track.latest.altitude_m - (scan.ground_m - scan.residual_m))
+            0.0
+            if scan.ground is None
+            else abs(track.latest.altitude_m - (scan.ground.altitude_m - scan.residual_m))
         )
         return (
             track.filter.nis > _INCONSISTENT

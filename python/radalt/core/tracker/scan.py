@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .spread_ground import Ground
 from .summed_block import Block, Measurement
 
 # Least standard deviations of one measurement. Interference that lasts keeps both up from block to block, so a mean
@@ -24,11 +25,7 @@ class Scan:
     middle: float  # frame index of their middle
     lead_s: float  # seconds from there to the end of the block's last frame, for which the altitude is given
     residual_m: float = 0.0  # altitude that the frames' residual timing offset adds
-    ground_m: float | None = None
-    """Altitude of the nearest point of spread ground, the strongest return; None of a point."""
-    edge_m: float = 0.0  # standard deviation of the nearest point of spread ground; 0 of a point
-    widened_m: float = 0.0  # by how much a method may have moved that point
-    edge_m_per_s: float = 0.0  # the same of its speed: each half sweep has its own speckle
+    ground: Ground | None = None  # spread ground, the strongest return; None of a point
     beyond: float = 0.0
     """Median power of the strongest line beyond the span over that within it, in the frames before mitigation."""
     moments: np.ndarray | None = None
@@ -47,7 +44,7 @@ class Scan:
 
         Less what noise adds, twice its deviation, and what a point has.
         """
-        if self.moments is None or self.ground_m is not None:
+        if self.moments is None or self.ground is not None:
             return None
         near = (np.abs(self.moments[..., 1].real - found.cells) <= reach).all(axis=1)
         if 2 * near.sum() < len(near):
@@ -60,12 +57,13 @@ class Scan:
 
     def corrected(self, found: Measurement) -> Measurement:
         """A measurement less the residual delay, its variances raised by what every measurement has at least."""
+        g = self.ground
+        deviation_m, deviation_m_per_s = (0.0, 0.0) if g is None else (g.deviation_m, g.deviation_m_per_s)
+        speed_variance = found.speed_variance_m2_per_s2 + _SPEED_FLOOR_M_PER_S**2 + deviation_m_per_s**2
         return replace(
             found,
             altitude_m=found.altitude_m - self.residual_m,
             altitude_variance_m2=found.altitude_variance_m2 + _ALTITUDE_FLOOR_M**2,
-            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2
-            + _SPEED_FLOOR_M_PER_S**2
-            + self.edge_m_per_s**2,
-            fluctuation_m2=found.fluctuation_m2 + self.edge_m**2,
+            speed_variance_m2_per_s2=speed_variance,
+            fluctuation_m2=found.fluctuation_m2 + deviation_m**2,
         )

@@ -69,15 +69,15 @@ _COVERED = 0.5
 
 @dataclass(frozen=True)
 class Ground:
-    """Weights (2, J) of powers that leave a point at the nearest ground; that place and its deviation in metres.
-
-    ``widened_m`` is by how much it may lie farther, besides, since a method's own response widens ground.
-    """
+    """Weights (2, J) of powers that leave a point at the nearest ground, and that place in metres."""
 
     weights: np.ndarray
-    deviation_m: float
     altitude_m: float
+    deviation_m: float
+    """Standard deviation of that place; each half sweep has its own speckle, so that of its speed follows."""
+    deviation_m_per_s: float
     widened_m: float
+    """By how much it may lie farther, besides, since a method's own response widens ground."""
 
 
 class SpreadGround:
@@ -124,7 +124,9 @@ class SpreadGround:
             weights[half] = self._weights(power, edge, kind, level)
         beat_hz = float(t.beat_hz[0] + cells * t.cell_hz)
         altitude_m = float(t.waveform.beats_to_altitude_m(beat_hz, -beat_hz)) + _BIAS_M
-        return Ground(weights, float(np.sqrt(variance)) * self._cell_m, altitude_m, widened * t.cell_m)
+        deviation_m = float(np.sqrt(variance)) * self._cell_m
+        deviation_m_per_s = 2.0 * deviation_m * t.speed_per_cell / t.cell_m
+        return Ground(weights, altitude_m, deviation_m, deviation_m_per_s, widened * t.cell_m)
 
     def _has_lobes(self, rises: list[tuple[np.ndarray, float, int, int]]) -> bool:
         """Whether the peaks have the lobes that a method gives to a point, on both sides."""

@@ -129,7 +129,7 @@ class Integrity:
         # a grating lobe may win by strength alone
         outdone = rival is not None and rival.strength > found.strength and rival.power > found.power
         outdone |= scan.beyond >= self._shares[0]  # farther up
-        if scan.ground_m is None:  # spread ground has its peak within the span
+        if scan.ground is None:  # spread ground has its peak within the span
             outdone |= block.beyond_span() > self._shares[0] * found.power
         if outdone or lobe_from_beyond(block, found) or block.contradicted(found):
             return True

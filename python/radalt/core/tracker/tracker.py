@@ -279,9 +279,7 @@ class AltitudeTracker:
         ground, places = self.spread.find(self._received[at]), at.astype(float)
         if ground is None and self._beside:  # interference may hide it there
             ground = self.spread.find(self._ratio[at], cleaned=True)
-        weights, edge_m, widened_m = np.float32(1.0), 0.0, 0.0
-        if ground is not None:
-            weights, edge_m, widened_m = ground.weights, ground.deviation_m, ground.widened_m
+        weights = np.float32(1.0) if ground is None else ground.weights
         block = Block(self.integrator, self._ratio[at] * weights, places)
         beyond = self._beyond[at][np.isfinite(self._beyond[at])]
         return Scan(
@@ -291,11 +289,8 @@ class AltitudeTracker:
             lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s,
             residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
             beyond=float(np.median(beyond)) if beyond.size else 0.0,
-            ground_m=None if ground is None else ground.altitude_m,
-            edge_m=edge_m,
-            widened_m=widened_m,
+            ground=ground,
             moments=self._moments[at],
-            edge_m_per_s=2.0 * edge_m * self.integrator.speed_per_cell / self.integrator.cell_m,
             sum_received=(lambda: Block(self.integrator, self._received[at] * weights, places))
             if self._beside
             else None,

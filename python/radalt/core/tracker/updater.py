@@ -94,8 +94,10 @@ class Updater:
 
     def _compare_shape(self, track: Track, scan: Scan, found: Measurement) -> None:
         """Update the deviation of a track's peak from a point's, in frames as received: a method changes shapes."""
-        track.edge_m = max(scan.edge_m, _EDGE_FADES * track.edge_m)
-        track.widened_m = max(scan.widened_m, _EDGE_FADES * track.widened_m)
+        track.edge_m, track.widened_m = _EDGE_FADES * track.edge_m, _EDGE_FADES * track.widened_m
+        if scan.ground is not None:
+            track.edge_m = max(track.edge_m, scan.ground.deviation_m)
+            track.widened_m = max(track.widened_m, scan.ground.widened_m)
         block = scan.received
         if scan.sum_received is None or block.shows(found, self.integrity.received_threshold):
             track.deviation += (block.shape_deviation(found) - track.deviation) / track.evidence.weight
