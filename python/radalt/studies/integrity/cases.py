@@ -40,6 +40,8 @@ ATTITUDES = {  # beam, pitch and mean bank in degrees
     "bank 30": (40.0, 0.0, 30.0),
     "bank 40": (40.0, 0.0, 40.0),
 }
+# Attitude over each of them under interference.
+_JAMMED = "level,bank 30,beam 60,pitch 15,bank 15,bank 40,bank 20,level,beam 60,pitch 15".split(",")
 
 KINDS = {
     "noise": "noise alone",
@@ -191,9 +193,10 @@ def _long() -> Iterator[Case]:
         yield Case("point", f"point/snr{snr:g}", snr_db=snr)
         for apart in (30.0, 120.0):
             yield Case("point", f"point/snr{snr:g}/{apart:g}m/-12dB", sir_db=12.0, snr_db=snr, value=apart)
-    for where in ("woods/level", "urban/bank 30"):
+    for land, attitude in zip(LANDS, _JAMMED, strict=True):
         for scene, sir in (("nr10", -40.0), ("qpsk_shaped", -30.0), ("tones", -40.0)):
-            yield Case("land_jammed", f"land_jammed/{where}/{scene}/{sir:g}dB", scene, sir_db=sir)
+            name = f"land_jammed/{land}/{attitude}/{scene}/{sir:g}dB"
+            yield Case("land_jammed", name, scene, sir_db=sir)
 
 
 def _faults() -> Iterator[Case]:
