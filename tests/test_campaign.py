@@ -63,6 +63,13 @@ def test_noise_alone_gives_no_altitude_and_false_alarms_per_frame_are_wrong():
         assert row["correct"] == 0 and report.summarise([row])["pd"] is None
 
 
+def test_a_base_station_behind_whitening_is_no_altitude():
+    """Its pattern recurs within a block: of 25 outputs 9 were NORMAL without a return."""
+    study = IntegrityStudy(methods=("whitening",), frames=1000, seed=779261825)
+    (row,) = rows_of("interference/nr5/0.3/-60dB/snr10", study)
+    assert row["computed"] == 0
+
+
 def test_a_clean_flight_is_followed_and_its_truth_belongs_to_the_end_of_each_output():
     """A quarter of a metre at 10 m/s is 25 ms: an output of the wrong instant would show."""
     case = Case("jammed", "clean", snr_db=10.0)

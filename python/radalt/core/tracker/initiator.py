@@ -30,7 +30,7 @@ class Initiator:
 
     ``updater``: continues candidates as it does tracks; ``deleter``: says which contradict themselves;
     ``lowest_start_m``: below it no candidate starts: leakage is as static as hovering ground, and without a
-    calibration nothing distinguishes them. ``threshold``: strength from which a return starts a candidate.
+    calibration nothing distinguishes them.
     """
 
     def __init__(
@@ -44,7 +44,6 @@ class Initiator:
         self.lowest_start_m = lowest_start_m
         self.gate, self.updater, self.deleter, self.settings = gate, updater, deleter, settings
         self.tables = gate.tables
-        self.threshold = updater.integrity.search_threshold
         self.candidates: list[Track] = []
 
     def reset(self) -> None:
@@ -70,7 +69,7 @@ class Initiator:
         for track in tracks:
             allowed &= block.away_from(track.latest)
         found = block.best(allowed)
-        strong = found is not None and found.strength >= self.threshold
+        strong = found is not None and found.strength >= self.updater.integrity.start_threshold(scan)
         strong = strong and self.gate.allowed_speed(found) and not self._is_tracked(found, self.candidates)
         strong = strong and scan.corrected(found).altitude_m >= self.lowest_start_m
         if strong and not is_side_lobe(block, found, mixed=True):

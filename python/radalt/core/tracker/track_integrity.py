@@ -92,6 +92,10 @@ class Integrity:
         self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
         self._rival_sigmas = noise_threshold(settings.risk / 2.0, (t.last - t.first) / t.resolution_cells)
 
+    def start_threshold(self, scan: Scan) -> float:
+        """Strength from which a return starts a track; behind a method a base station's pattern may recur, too."""
+        return self.search_threshold if scan.sum_received is None else self.received_threshold
+
     # -- rivals ---------------------------------------------------------------------------------------------------
 
     def undisputed(self, track: Track, scan: Scan, found: Measurement) -> bool:
@@ -99,7 +103,7 @@ class Integrity:
 
         Sets the track's protection level.
         """
-        if track.hits < self.settings.confirm_outputs and found.strength < self.search_threshold:
+        if track.hits < self.settings.confirm_outputs and found.strength < self.start_threshold(scan):
             return False  # back from coasting: few weak returns in a row may be noise
         track.protection_m = self.protection_m(track)
         if track.corrected_m > track.protection_m:
