@@ -52,9 +52,7 @@ def test_the_noise_level_is_the_mean_of_one_cell_and_lines_hardly_move_it(looks)
 def test_chance_of_one_cell_and_of_a_sum():
     """Over a mean of 8 cells -log P is exponential; two cells exceed x with probability (1 + x) exp(-x)."""
     rng = np.random.default_rng(3)
-    value = line.significance(
-        rng.exponential(size=100_000), rng.gamma(8, 1 / 8, 100_000), np.full(100_000, 8.0)
-    )
+    value = line.significance(rng.exponential(size=10**5), rng.gamma(8, 1 / 8, 10**5), np.full(10**5, 8.0))
     for level in (1.0, 3.0, 6.0):
         assert np.mean(value > level) == pytest.approx(np.exp(-level), rel=0.15)
         assert line.sum_chance(level, 2) == pytest.approx((1 + level) * np.exp(-level))
