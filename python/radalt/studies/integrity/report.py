@@ -210,8 +210,9 @@ def _hours_table(rows: Sequence[Row]) -> str:
     for low, high in zip(_BANDS_M, _BANDS_M[1:], strict=False):
         if mine := [r for r in rows if r["kind"] in LONG and low <= r["altitude_m"] < high]:
             line(f"land and points, {low:g} to {high:g} m", "none", "", _hours_of(mine))
-    header = "stratum | method | share | flights | hours | available | misleading | hazardous | of flights"
-    return table(f"{header} | bound per hour | per altitude | largest error / m | CPU min per hour", lines)
+    header = "stratum | method | share | flights | hours | available | misleading events | hazardous events"
+    header += " | flights with one | bound per hour | per altitude | largest error / m | CPU min per hour"
+    return table(header, lines)
 
 
 def _attitude_table(land: Sequence[Row]) -> str:
