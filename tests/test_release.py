@@ -25,11 +25,9 @@ def test_a_tag_on_this_commit_is_the_version(root):
     assert tags == [f"v{__version__}"]
 
 
-@pytest.mark.parametrize(
-    "file", ["workflows/test.yml", "ISSUE_TEMPLATE/bug.yml", "ISSUE_TEMPLATE/method.yml"]
-)
-def test_files_of_the_forge_are_yaml_and_call_what_is_there(root, file):
-    text = (root / ".github" / file).read_text()
+@pytest.mark.parametrize("at", ["workflows/test.yml", "ISSUE_TEMPLATE/bug.yml", "ISSUE_TEMPLATE/method.yml"])
+def test_files_of_the_forge_are_yaml_and_call_what_is_there(root, at):
+    text = (root / ".github" / at).read_text()
     assert yaml.safe_load(text)
     for script in re.findall(r"script: \[(.*)\]", text):
         for name in script.split(", "):

@@ -81,10 +81,8 @@ def test_numbers_may_be_written_as_people_write_them(text):
 
 
 def test_the_minus_sign_of_a_text_is_a_minus():
-    scene = parse_scene(
-        {"interference": {"qpsk": {"sir_db": "\u221228"}}, "sweep": {"sir_db": ["\u22125.5"]}}
-    )
-    assert (scene.sir_db, scene.sweep.sir_db) == (-28.0, (-5.5,))
+    read = parse_scene({"interference": {"qpsk": {"sir_db": "\u221228"}}, "sweep": {"sir_db": ["\u22125.5"]}})
+    assert (read.sir_db, read.sweep.sir_db) == (-28.0, (-5.5,))
     assert parse_axis("\u221230:\u221210:10,\u22125", "--sir-db") == (-30.0, -20.0, -10.0, -5.0)
     assert number(int, -9, 9)("\u22122") == -2
 
