@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-CEILINGS = {"python": 41400, "tests": 18500, "training tools": 5776}
+CEILINGS = {"python": 41403, "tests": 18500, "training tools": 5776}
 # pages that a command writes
 GENERATED = {"stability", "leaving_out", "integrity", "real-time", "scene-reference"}
 TARGETS = {"python": 38000, "tests": 18500, "training tools": 6500}

@@ -86,7 +86,8 @@ def write_report(
     rows = tables["rows"]
     # a flight in two files counts once; of those without an altitude nothing shows that they are the same
     same = [name for name in ROWS.names if name not in ROWS.timing]
-    each = enumerate([*study.earlier(), *rows])
+    earlier = study.earlier()
+    each = enumerate([*earlier, *rows])
     flown = [*{(*map(row.get, same), row["largest_m"] or k): row for k, row in each}.values()]
     by_case = pooled(rows, "case", "method")
     events = events_of(rows, study)
@@ -101,6 +102,7 @@ def write_report(
     draw_land(land, folder.path / "figures" / "integrity_land.png")
     short = [r for r in by_kind if r["kind"] not in LONG]
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
+    further = [r for r in earlier if r["kind"] not in LONG and not case_of(r["case"]).known_limit]
     report = {"headline": _headline(rows, by_case, default), "hazardous": len(events), "events": events}
     values = {
         "flight_s": study.frames * WAVEFORM.sweep_s,
@@ -109,6 +111,7 @@ def write_report(
         "hours_behind": {
             m: _hours_of([r for r in flown if r["method"] == m])["hours"] for m in study.methods
         },
+        "further": {method: _claim(mine) for method, mine in grouped(further, "method").items()},
         "attitude_table": _attitude_table(land),
         "kind_table": _kind_table([r for r in short if not r["known_limit"]]),
         "outside_table": _kind_table([r for r in short if r["known_limit"]]),
